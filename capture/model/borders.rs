@@ -1,50 +1,51 @@
-//! Borders that no wall closes: where a cell's outline runs through open space, its neighbour is
-//! seen, so there is a portal.
+//! Portals at borders without a wall: where the outline of a cell runs through open space, the
+//! neighbour is visible.
 //!
-//! Walls are felt for by rays rather than taken from a plan, so that a lintel, a half-high wall, a
-//! post or a missing wall counts as what it is, whoever drew it. Rays cross the border squarely on
-//! a grid; each run of neighbouring columns in which some ray passes becomes one upright rectangle,
-//! from the lowest to the highest of them, its ends found by bisection. A portal may be larger than
-//! what is open (what stands in it hides what is behind), never smaller.
+//! Rays, not the plan, find the walls, so that a lintel, a half-high wall, a post or a missing wall
+//! is treated as it was built. Rays cross the border perpendicularly on a grid. Each run of adjacent
+//! columns with a passing ray becomes one upright rectangle from the lowest to the highest passing
+//! ray, with ends refined by bisection. A portal may be larger than the opening (geometry in it
+//! occludes what is behind), never smaller.
 
 use super::polygon::Polygon;
 use super::{Finding, Portal, PortalModel, Prism};
 use glam::{DVec2, DVec3};
 use headbox_trace::bvh::{Ray, Tracer};
 use std::collections::VecDeque;
+use std::ops::Range;
 
-/// Distance of the rays along a border and in height, metres; a post or slit narrower than this may
+/// Spacing of the rays along a border and in height, metres; a post or slit narrower than this may
 /// be missed.
 const GRID_M: f64 = 0.1;
 
-/// Rays at the rim of a border keep this far from its ends, floor and ceiling, metres.
+/// Distance of the outermost rays from a border's ends, floor and ceiling, metres.
 const RIM_M: f64 = 0.01;
 
-/// Largest distance beyond a border at which its neighbour may begin, metres: the thickness of a
-/// thick wall with a gap in it.
+/// Maximum distance of the neighbour's space beyond a border, metres: a gap in a thick wall.
 const REACH_M: f64 = 0.4;
 
-/// In steps of this, metres.
+/// Step of the search for the neighbour, metres.
 const STEP_M: f64 = 0.01;
 
-/// Rays begin and end this far from the border, metres, or nearer where the cell is narrower: rooms
-/// may be drawn to the middle of their walls.
+/// Distances from the border at which rays begin and end, metres; the first that is inside the cell
+/// is used. Rooms may be drawn to the middle of their walls.
 const CLEAR_M: [f64; 4] = [0.3, 0.15, 0.06, 0.02];
 
-/// Halvings of [`GRID_M`] by which an opening's ends are found.
+/// Number of bisections of [`GRID_M`] that locate an opening's ends.
 const HALVINGS: u32 = 7;
 
-/// Smallest width and height of an opening, metres: between cells, and to the outside, where frames
-/// end a little before walls do. Smaller ones are cracks.
-const LEAST_M: [f64; 2] = [0.04, 0.15];
+/// Minimum width and height of an opening, metres: between cells, and to the outside, where frames
+/// end slightly before walls. Smaller ones are cracks.
+const MIN_SIZE_M: [f64; 2] = [0.04, 0.15];
 
-/// An edge of a cell's space, upright.
+/// A vertical side of a cell's space.
 #[derive(Clone, Copy)]
 struct Border {
     cell: u32,
     from: DVec2,
-    /// Unit vector along the edge, and its unit normal out of the cell.
+    /// Unit vector along the edge.
     along: DVec2,
+    /// Unit normal out of the cell.
     outward: DVec2,
     length: f64,
     floor: f64,
@@ -55,63 +56,61 @@ struct Border {
 #[derive(Clone, Copy, PartialEq)]
 struct SpaceBeyond {
     cell: u32,
-    /// Distance at which it begins, metres.
+    /// Distance between the border and that space, metres.
     gap: f64,
 }
 
-/// Part of a border that is open.
+/// Open part of a border.
 #[derive(Clone, Copy)]
 struct BorderOpening {
     beyond: SpaceBeyond,
-    /// Along the border, metres from its beginning.
+    /// Start and end along the border, metres from its beginning.
     span: [f64; 2],
+    /// Lowest and highest height, world metres.
     heights: [f64; 2],
 }
 
 impl PortalModel {
-    /// Adds a portal wherever no wall stands between two cells, or between a cell and the outside,
-    /// and none is there yet; the space between a border and the neighbour behind a gap becomes the
-    /// neighbour's. `tracer` is over this model's geometry, dealt out to cells or not. Says where a
-    /// room is open to the outside: a wall may be missing.
+    /// Adds a portal wherever there is neither a wall nor a portal between two cells, or between a
+    /// cell and the outside. The space in a gap between a border and its neighbour is added to the
+    /// neighbour. `tracer` is over this model's geometry, whose triangles need not be assigned to
+    /// cells yet. Reports rooms that are open to the outside: a wall may be missing.
     pub fn open_borders(&mut self, tracer: &Tracer) -> Vec<Finding> {
         let mut findings = Vec::new();
         let mut borders: VecDeque<Border> = self.borders().into();
         while let Some(border) = borders.pop_front() {
-            // Those of earlier borders count: the neighbour's side of an opening is not found
-            // again.
-            let found = Survey {
+            // Includes the portals of earlier borders, so that an opening is not found again from
+            // the neighbour's side.
+            let portals = self.portals.iter();
+            let openings = BorderSearch {
                 model: self,
                 tracer,
-                polygons: self.polygons(),
+                polygons: portals
+                    .filter_map(|portal| Polygon::new(&portal.polygon).ok())
+                    .collect(),
                 border,
             }
             .openings();
-            for opening in found {
+            for opening in openings {
                 findings.extend(self.add_opening(&border, &opening, &mut borders));
             }
         }
         findings
     }
 
-    fn polygons(&self) -> Vec<Polygon<'_>> {
-        self.portals
-            .iter()
-            .filter_map(|portal| Polygon::new(&portal.polygon).ok())
-            .collect()
-    }
-
+    /// Returns the borders of all cells except the outside.
     fn borders(&self) -> Vec<Border> {
         let cells = (0_u32..)
             .zip(&self.cells)
             .filter(|(cell, _)| !self.is_outside(*cell));
         let prisms = cells.flat_map(|(cell, it)| it.space.iter().map(move |prism| (cell, prism)));
         prisms
-            .flat_map(|(cell, prism)| Border::of(cell, prism))
+            .flat_map(|(cell, prism)| Border::of_prism(cell, prism))
             .collect()
     }
 
-    /// Adds the portal of an opening; the borders of space that it gives to the neighbour are to be
-    /// looked at too.
+    /// Adds the portal of an opening, and the space in its gap to the neighbour. Appends the
+    /// borders of that space to `borders`.
     fn add_opening(
         &mut self,
         border: &Border,
@@ -132,10 +131,10 @@ impl PortalModel {
                 floor_y: low,
                 ceiling_y: high,
             };
-            borders.extend(Border::of(beyond.cell, &prism));
+            borders.extend(Border::of_prism(beyond.cell, &prism));
             self.cells.get_mut(beyond.cell as usize)?.space.push(prism);
         }
-        // `a to b` cross up points into the cell that the border is of.
+        // The direction from `a` to `b` cross up points into the border's cell.
         let [a, b] = if border.along.perp().dot(border.outward) < 0.0 {
             [start, end]
         } else {
@@ -159,8 +158,8 @@ impl PortalModel {
 }
 
 impl Border {
-    /// The edges of a prism; none if it has no area.
-    fn of(cell: u32, prism: &Prism) -> Vec<Self> {
+    /// Returns the sides of a prism; none if it has no area.
+    fn of_prism(cell: u32, prism: &Prism) -> Vec<Self> {
         let outline = &prism.outline;
         let pairs = || {
             outline
@@ -174,11 +173,11 @@ impl Border {
             let along = (b - a).try_normalize()?;
             let outward = -along.perp() * area.signum();
             let (floor, ceiling) = (prism.floor_y, prism.ceiling_y);
-            let is_sound = area != 0.0
+            let is_valid = area != 0.0
                 && area.is_finite()
                 && length > 2.0 * RIM_M
                 && ceiling - floor > 2.0 * RIM_M;
-            is_sound.then_some(Self {
+            is_valid.then_some(Self {
                 cell,
                 from: a,
                 along,
@@ -191,68 +190,68 @@ impl Border {
         pairs().filter_map(edge).collect()
     }
 
-    /// The point `s` metres along the edge at height `y`, `out` metres beyond it.
+    /// Returns the point `s` metres along the edge at height `y`, `out` metres beyond it.
     fn at(&self, s: f64, y: f64, out: f64) -> DVec3 {
         let p = self.from + self.along * s + self.outward * out;
         DVec3::new(p.x, y, p.y)
     }
 }
 
-/// Places from `low` to `high`, a rim away from both, no farther apart than the grid.
-fn places(low: f64, high: f64) -> Vec<f64> {
-    /// More rays than this in a row say nothing more.
-    const MOST: usize = 4096;
+/// Returns evenly spaced coordinates from `low` to `high`, a rim away from both, with at most the
+/// grid's spacing.
+fn grid_coordinates(low: f64, high: f64) -> Vec<f64> {
+    const MAX_STEPS: usize = 4096;
     let span = high - low - 2.0 * RIM_M;
-    let steps = ((span / GRID_M).ceil() as usize).clamp(1, MOST);
+    let steps = ((span / GRID_M).ceil() as usize).clamp(1, MAX_STEPS);
     (0..=steps)
         .map(|i| low + RIM_M + span * i as f64 / steps as f64)
         .collect()
 }
 
-/// A border being felt for openings.
-struct Survey<'a> {
+/// Search for openings in a border.
+struct BorderSearch<'a> {
     model: &'a PortalModel,
     tracer: &'a Tracer,
+    /// Polygons of the portals.
     polygons: Vec<Polygon<'a>>,
     border: Border,
 }
 
-/// A column of a border: what is beyond, and which of its rows are open to it.
+/// A column of rays through a border.
 struct Column {
     beyond: SpaceBeyond,
+    /// Rows whose rays reach the space beyond.
     open: Vec<usize>,
-    /// The first and the last row that lies in a portal.
+    /// First and last row in an existing portal.
     portal: Option<[usize; 2]>,
 }
 
 impl Column {
-    /// Returns true if both can be parts of one opening.
+    /// Returns true if two columns can belong to one opening.
     fn continues(&self, other: &Self) -> bool {
         self.beyond.cell == other.beyond.cell && self.portal.is_some() == other.portal.is_some()
     }
 }
 
-impl Survey<'_> {
+impl BorderSearch<'_> {
     fn openings(&self) -> Vec<BorderOpening> {
-        let (columns, rows) = (
-            places(0.0, self.border.length),
-            places(self.border.floor, self.border.ceiling),
-        );
+        let columns = grid_coordinates(0.0, self.border.length);
+        let rows = grid_coordinates(self.border.floor, self.border.ceiling);
         let found: Vec<Option<Column>> = columns.iter().map(|&s| self.column(s, &rows)).collect();
         let mut openings = Vec::new();
         let mut first = 0;
         while first < columns.len() {
-            let Some(begun) = &found[first] else {
+            let Some(start) = &found[first] else {
                 first += 1;
                 continue;
             };
             let run: Vec<&Column> = found[first..]
                 .iter()
                 .map_while(Option::as_ref)
-                .take_while(|c| begun.continues(c))
+                .take_while(|column| start.continues(column))
                 .collect();
             let span = self.span(&columns, &rows, first, run.len());
-            // Around portals that stand in the open, what is below and what is above them.
+            // An existing portal in the run leaves an opening below it and one above it.
             let bottom = run
                 .iter()
                 .filter_map(|column| Some(column.portal?[0]))
@@ -263,25 +262,16 @@ impl Survey<'_> {
                 .filter_map(|column| Some(column.portal?[1]))
                 .max()
                 .unwrap_or(rows.len());
-            let places = &columns[first..first + run.len()];
-            for wanted in [0..bottom, top..rows.len()] {
-                let open = |column: &Column| {
-                    column
-                        .open
-                        .iter()
-                        .copied()
-                        .filter(|row| wanted.contains(row))
-                        .collect()
-                };
-                let open: Vec<Vec<usize>> = run.iter().map(|column| open(column)).collect();
-                openings.extend(self.opening(places, &rows, &run, &open, span));
+            let run_columns = &columns[first..first + run.len()];
+            for range in [0..bottom, top..rows.len()] {
+                openings.extend(self.opening(run_columns, &rows, &run, range, span));
             }
             first += run.len();
         }
         openings
     }
 
-    /// Start and end along the border of a run of `count` columns from `first` on.
+    /// Returns start and end along the border of a run of `count` columns from `first` on.
     fn span(&self, columns: &[f64], rows: &[f64], first: usize, count: usize) -> [f64; 2] {
         let same_as = |known: f64, s: f64| match (self.column(known, rows), self.column(s, rows)) {
             (Some(known), Some(other)) => known.continues(&other),
@@ -303,14 +293,14 @@ impl Survey<'_> {
         [start, end]
     }
 
-    /// One opening of a run of columns, of each of which `open` are the rows; none if that is a
-    /// crack.
+    /// Returns the opening of a run of columns in a range of rows; `None` without an open row or
+    /// for a crack.
     fn opening(
         &self,
         columns: &[f64],
         rows: &[f64],
         run: &[&Column],
-        open: &[Vec<usize>],
+        range: Range<usize>,
         span: [f64; 2],
     ) -> Option<BorderOpening> {
         let gap = run
@@ -321,8 +311,12 @@ impl Survey<'_> {
             gap,
             ..run.first()?.beyond
         };
-        let lowest = *open.iter().filter_map(|rows| rows.first()).min()?;
-        let highest = *open.iter().filter_map(|rows| rows.last()).max()?;
+        let open = || {
+            run.iter()
+                .flat_map(|column| column.open.iter().copied())
+                .filter(|row| range.contains(row))
+        };
+        let (lowest, highest) = (open().min()?, open().max()?);
         let is_open = |y: f64| {
             columns.iter().any(|&s| {
                 self.beyond(s, y)
@@ -337,8 +331,8 @@ impl Survey<'_> {
         let high = rows.get(highest + 1).map_or(self.border.ceiling, |&next| {
             bisect(rows[highest], next, is_open)
         });
-        let least = LEAST_M[usize::from(self.model.is_outside(beyond.cell))];
-        let is_large = span[1] - span[0] >= least && high - low >= least;
+        let min_size = MIN_SIZE_M[usize::from(self.model.is_outside(beyond.cell))];
+        let is_large = span[1] - span[0] >= min_size && high - low >= min_size;
         is_large.then_some(BorderOpening {
             beyond,
             span,
@@ -346,8 +340,7 @@ impl Survey<'_> {
         })
     }
 
-    /// Space beyond a position of the border, and the rows whose rays reach it; `None` if no ray
-    /// does.
+    /// Traces the rays of a column; `None` if no ray passes.
     fn column(&self, s: f64, rows: &[f64]) -> Option<Column> {
         let mut reached = Vec::new();
         let mut portal: Option<[usize; 2]> = None;
@@ -361,7 +354,7 @@ impl Survey<'_> {
                 reached.push((beyond, row));
             }
         }
-        // A room before the outside.
+        // A room takes precedence over the outside.
         let (beyond, _) = *reached
             .iter()
             .min_by_key(|(beyond, _)| self.model.is_outside(beyond.cell))?;
@@ -385,8 +378,8 @@ impl Survey<'_> {
             .any(|polygon| polygon.hit(near, far - near, 0.0).is_some_and(|t| t <= 1.0))
     }
 
-    /// The nearest other cell beyond the border, else the outside; none where the border is inside
-    /// of its own cell, or of another that has the better claim to what is before it.
+    /// Returns the nearest other cell beyond the border, else the outside; `None` where the border
+    /// is inside of its own cell or of one that takes precedence over it.
     fn beyond(&self, s: f64, y: f64) -> Option<SpaceBeyond> {
         let cell_at = |out: f64| self.model.cell_at(self.border.at(s, y, out));
         let own = Some(self.border.cell);
@@ -399,7 +392,7 @@ impl Survey<'_> {
             .clone()
             .find_map(|out| Some((out, cell_at(out).filter(|&cell| is_room(cell))?)));
         match room {
-            // Closer than a step there is no gap.
+            // Spaces closer than a step are adjacent.
             Some((out, cell)) => Some(SpaceBeyond {
                 cell,
                 gap: if out <= STEP_M { 0.0 } else { out },
@@ -428,19 +421,20 @@ impl Survey<'_> {
         let (Some(near), Some(far)) = (clear(self.border.cell, 0.0, -1.0), far) else {
             return false;
         };
-        let (origin, way) = (at(near), at(far) - at(near));
+        let (origin, end) = (at(near), at(far));
         let ray = Ray {
-            origin: (origin - self.tracer.origin()).as_vec3(),
-            direction: way.as_vec3(),
-            t_min: 0.0,
             t_max: 1.0,
+            ..Ray::new(
+                (origin - self.tracer.origin()).as_vec3(),
+                (end - origin).as_vec3(),
+            )
         };
         !self.is_in_portal(s, y) && !self.tracer.occluded(&ray)
     }
 }
 
-/// Finds by bisection where a condition that holds at `yes`, and not at `no`, ceases to hold: on
-/// the side of `no`.
+/// Bisects between `yes`, where a condition holds, and `no`, where it does not. Returns the end of
+/// the last interval on the side of `no`.
 fn bisect(mut yes: f64, mut no: f64, holds: impl Fn(f64) -> bool) -> f64 {
     for _ in 0..HALVINGS {
         let middle = (yes + no) / 2.0;

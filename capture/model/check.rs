@@ -1,5 +1,5 @@
-//! Problems of portal models, each as a sentence, and the repair of those that would break a
-//! walkthrough.
+//! Validation of portal models, with a sentence for each problem, and repair of problems that would
+//! break a walkthrough.
 
 use super::polygon::{Polygon, Shape, crosses_itself};
 use super::{Portal, PortalModel, Prism};
@@ -10,9 +10,9 @@ use std::fmt;
 /// Severity of a [`Finding`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Severity {
-    /// The model can be walked, but something may not show as its maker meant.
+    /// The model is usable, but may not be rendered as intended.
     Warning,
-    /// The thing named cannot be used and is left out.
+    /// The object cannot be used and is left out.
     Error,
 }
 
@@ -26,14 +26,13 @@ impl fmt::Display for Severity {
     }
 }
 
-/// Something wrong with a portal model; its text is a sentence that says what, and what is done
-/// instead.
+/// A problem of a portal model. Its text is a sentence with the problem and its consequence.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Finding {
-    /// Nothing but outside.
+    /// There is no cell except the outside.
     #[error("there is no cell besides the outside; all geometry is shown as one cell")]
     NoCells,
-    /// No portals at all.
+    /// There is no portal.
     #[error("there is no portal, so no cell is seen from another; each is shown by itself")]
     NoPortals,
     /// A portal refers to a cell that does not exist.
@@ -45,7 +44,7 @@ pub enum Finding {
         portal: usize,
         /// Its name.
         name: String,
-        /// The cell it asks for.
+        /// Index of the missing cell.
         cell: u32,
         /// Number of cells.
         cells: usize,
@@ -60,7 +59,7 @@ pub enum Finding {
         /// Name of the cell.
         cell: String,
     },
-    /// The opening is not a usable polygon.
+    /// The polygon of a portal is not usable.
     #[error("portal {portal} ({name}) {shape}; it is left out")]
     Shape {
         /// Index of the portal.
@@ -70,7 +69,7 @@ pub enum Finding {
         /// Problem of its shape.
         shape: Shape,
     },
-    /// The corners run clockwise seen from the first cell.
+    /// The corners of a portal run clockwise seen from its first cell.
     #[error(
         "portal {portal} ({name}) runs clockwise seen from its first cell; its corners are reversed"
     )]
@@ -80,7 +79,7 @@ pub enum Finding {
         /// Its name.
         name: String,
     },
-    /// The opening does not lie on the border of a cell that it names.
+    /// A portal does not lie on the border of one of its cells.
     #[error(
         "portal {portal} ({name}) does not touch {cell}; it is kept, but what is seen through it may be wrong"
     )]
@@ -102,7 +101,7 @@ pub enum Finding {
         /// Its name.
         name: String,
     },
-    /// A part of a cell's space is not what it should be.
+    /// A prism of a cell's space is invalid.
     #[error("cell {cell} ({name}): part {part} of its space {flaw}")]
     Space {
         /// Index of the cell.
@@ -114,14 +113,14 @@ pub enum Finding {
         /// Flaw of the prism.
         flaw: Flaw,
     },
-    /// No way leads to a cell.
+    /// A cell cannot be reached through portals.
     #[error("cell {cell} ({name}) cannot be reached through portals from {from}")]
     Unreachable {
         /// Index of the cell.
         cell: u32,
         /// Its name.
         name: String,
-        /// Name of the cell that the search began in.
+        /// Name of the cell in which the search began.
         from: String,
     },
     /// A cell is open to the outside where it has no door or window.
@@ -137,24 +136,24 @@ pub enum Finding {
         width: f64,
         /// Height of the opening, metres.
         height: f64,
-        /// The middle of what is open, world metres.
+        /// Centre of the opening, world metres.
         at: DVec3,
     },
-    /// Two cells saw each other past all portals.
+    /// Rays passed between two cells without crossing a portal, and the cells were joined.
     #[error(
         "{} and {} see each other without a portal ({rays} rays, one at {:.2}, {:.2}, {:.2} in the file's axes and \
          unit); they are joined to one cell",
         cells[0], cells[1], at.x, at.y, at.z
     )]
     Joined {
-        /// Their names.
+        /// Names of the cells.
         cells: [String; 2],
         /// Number of rays that passed.
         rays: usize,
         /// Position of one of them, world metres.
         at: DVec3,
     },
-    /// Surfaces of different materials lie in one plane over each other.
+    /// Surfaces of different materials overlap in one plane.
     #[error(
         "{cell}: surfaces of different materials lie over each other in one plane over {area:.2} m2, most about {:.2}, {:.2}, \
          {:.2} (in the file's axes and unit); they will flicker (move one, or leave it out)",
@@ -163,12 +162,12 @@ pub enum Finding {
     Coplanar {
         /// Name of the cell.
         cell: String,
-        /// Their common area, square metres.
+        /// Area of the overlap, square metres.
         area: f64,
-        /// The middle of the largest piece, world metres.
+        /// Centre of the largest overlap, world metres.
         at: DVec3,
     },
-    /// Light passes between two cells where there is no portal.
+    /// Rays pass between two cells without crossing a portal.
     #[error(
         "{rays} of {of} rays pass from {from} into {into} without crossing a portal (one at {:.2}, {:.2}, {:.2} in the \
          file's axes and unit); what they see there will be missing",
@@ -203,7 +202,8 @@ pub enum Flaw {
 }
 
 impl Flaw {
-    fn of(prism: &Prism) -> Option<Self> {
+    /// Returns the first flaw of a prism.
+    fn find(prism: &Prism) -> Option<Self> {
         if prism.outline.len() < 3 || !prism.outline.iter().all(|corner| corner.is_finite()) {
             return Some(Self::NoOutline);
         }
@@ -232,8 +232,8 @@ impl Finding {
         }
     }
 
-    /// The same with its place in the axes and unit of the file that the model is from: what its
-    /// sentence says of places.
+    /// Converts the position in the finding from world metres to the axes and unit of the model's
+    /// file, in which its sentence reports positions.
     pub fn in_file(mut self, frame: &FileFrame) -> Self {
         if let Self::NoWall { at, .. }
         | Self::Joined { at, .. }
@@ -249,7 +249,7 @@ impl Finding {
         self.severity() == Severity::Error
     }
 
-    /// The portal that it is about, if it is about one.
+    /// Index of the affected portal, if any.
     pub fn portal(&self) -> Option<usize> {
         match self {
             Self::MissingCell { portal, .. }
@@ -267,7 +267,7 @@ impl Finding {
 const PROBES_M: [f64; 3] = [0.002, 0.02, 0.06];
 
 impl PortalModel {
-    /// Everything that is wrong with cells and portals, without tracing rays (see [`Self::leaks`]).
+    /// Returns all problems of cells and portals that need no rays (see [`Self::leaks`]).
     pub fn check(&self) -> Vec<Finding> {
         let mut findings = Vec::new();
         if (0..self.cells.len()).all(|cell| self.is_outside(cell as u32)) {
@@ -275,17 +275,13 @@ impl PortalModel {
         } else if self.portals.is_empty() {
             findings.push(Finding::NoPortals);
         }
-        let of_portals: Vec<Option<Finding>> = self
-            .portals
-            .iter()
-            .enumerate()
-            .map(|(index, portal)| self.check_portal(index, portal))
-            .collect();
-        let usable: Vec<bool> = of_portals
-            .iter()
-            .map(|finding| finding.as_ref().is_none_or(|f| !f.is_error()))
-            .collect();
-        findings.extend(of_portals.into_iter().flatten());
+        let mut usable = vec![true; self.portals.len()];
+        for (index, portal) in self.portals.iter().enumerate() {
+            if let Some(finding) = self.check_portal(index, portal) {
+                usable[index] = !finding.is_error();
+                findings.push(finding);
+            }
+        }
         for (cell, it) in (0_u32..).zip(&self.cells) {
             if it.space.is_empty() && !self.is_outside(cell) {
                 findings.push(Finding::NoSpace {
@@ -297,7 +293,7 @@ impl PortalModel {
                 .space
                 .iter()
                 .enumerate()
-                .filter_map(|(part, prism)| Some((part, Flaw::of(prism)?)));
+                .filter_map(|(part, prism)| Some((part, Flaw::find(prism)?)));
             findings.extend(flaws.map(|(part, flaw)| Finding::Space {
                 cell,
                 name: it.name.clone(),
@@ -318,11 +314,10 @@ impl PortalModel {
         findings
     }
 
-    /// Leaves out the portals that cannot be used and turns round those whose corners run the wrong
-    /// way.
+    /// Removes unusable portals and reverses those whose corners run the wrong way.
     ///
-    /// Returns what [`Self::check`] had to say before. Its portal indices are those of the mended
-    /// model; what was left out is numbered on from there.
+    /// Returns the findings of [`Self::check`] before the repair. Portal indices are those of the
+    /// repaired model; removed portals are numbered after the last portal.
     pub fn mend(&mut self) -> Vec<Finding> {
         let unusable: Vec<bool> = (self.portals.iter().enumerate())
             .map(|(index, portal)| {
@@ -348,7 +343,7 @@ impl PortalModel {
         findings
     }
 
-    /// Leaves no T-junctions in the scene (see [`headbox_scene::scene::Scene::stitch`]); each cell
+    /// Removes T-junctions from the scene (see [`headbox_scene::scene::Scene::stitch`]); each cell
     /// keeps its surfaces.
     pub fn stitch(&mut self) {
         let firsts = self.scene.stitch();
@@ -358,45 +353,43 @@ impl PortalModel {
         }
     }
 
-    /// Cells reachable from a cell through portals, by index; none if there is no such cell.
+    /// Returns, for each cell, true if it is reachable from `from` through portals; all false if
+    /// there is no such cell.
     pub fn reachable(&self, from: u32) -> Vec<bool> {
         self.reachable_by(from, &vec![true; self.portals.len()])
     }
 
-    /// Same as [`Self::reachable`], through marked portals only.
+    /// Same as [`Self::reachable`], through usable portals only.
     fn reachable_by(&self, from: u32, usable: &[bool]) -> Vec<bool> {
         let mut reached = vec![false; self.cells.len()];
-        let mut next: Vec<u32> = reached
-            .get(from as usize)
-            .map(|_| from)
-            .into_iter()
-            .collect();
-        while let Some(cell) = next.pop() {
-            if std::mem::replace(&mut reached[cell as usize], true) {
-                continue;
+        let mut open = vec![from];
+        while let Some(cell) = open.pop() {
+            match reached.get_mut(cell as usize) {
+                Some(reached) if !*reached => *reached = true,
+                _ => continue,
             }
             let behind = self
                 .portals_of(cell)
                 .filter(|(portal, _)| usable[*portal])
                 .map(|(_, behind)| behind);
-            next.extend(behind.filter(|&behind| reached.get(behind as usize) == Some(&false)));
+            open.extend(behind);
         }
         reached
     }
 
-    /// Start of the search: the first cell with a marked portal, else the first.
+    /// Returns the start of the search: the first cell with a usable portal, else the first cell.
     fn first_cell(&self, usable: &[bool]) -> Option<u32> {
         let count = self.cells.len() as u32;
-        let with_a_way_out =
+        let with_portal =
             (0..count).find(|&cell| self.portals_of(cell).any(|(portal, _)| usable[portal]));
-        with_a_way_out.or((count > 0).then_some(0))
+        with_portal.or((count > 0).then_some(0))
     }
 
     pub(crate) fn is_outside(&self, cell: u32) -> bool {
         self.outside == Some(cell)
     }
 
-    /// The worst thing wrong with a portal.
+    /// Returns the worst problem of a portal.
     fn check_portal(&self, portal: usize, it: &Portal) -> Option<Finding> {
         let (name, cells) = (it.name.clone(), self.cells.len());
         if let Some(&cell) = it.cells.iter().find(|&&cell| cell as usize >= cells) {
@@ -429,15 +422,15 @@ impl PortalModel {
                 self.cell_at(polygon.centroid + polygon.normal * (side * step)) == Some(cell)
             })
         };
-        let as_they_should = [touches(1.0, it.cells[0]), touches(-1.0, it.cells[1])];
-        if as_they_should == [true, true] {
+        let touched = [touches(1.0, it.cells[0]), touches(-1.0, it.cells[1])];
+        if touched == [true, true] {
             return None;
         }
         if touches(-1.0, it.cells[0]) && touches(1.0, it.cells[1]) {
             return Some(Finding::WrongWay { portal, name });
         }
         let missed: Vec<&str> = (0..2)
-            .filter(|&side| !as_they_should[side])
+            .filter(|&side| !touched[side])
             .map(|side| self.cells[it.cells[side] as usize].name.as_str())
             .collect();
         Some(Finding::TouchesNot {

@@ -1,20 +1,20 @@
-//! Surfaces that lie in one plane over each other: which of them shows is left to rounding, so that
-//! they flicker.
+//! Overlapping surfaces in one plane: rounding decides which of them is visible, so that they
+//! flicker (z-fighting).
 
 use super::{Finding, PortalModel};
 use glam::{DVec2, DVec3};
-use std::collections::{BTreeMap, HashMap};
+use std::collections::BTreeMap;
 
-/// Two planes are one if they are no farther apart, metres: a depth buffer tells what is farther
+/// Quantisation step of plane offsets, metres. A depth buffer separates planes that are farther
 /// apart at a room's distance.
-const ONE_PLANE_M: f64 = 1e-4;
-/// Components of unit normals are told apart by this.
-const ONE_NORMAL: f64 = 1e-3;
-/// Less in a cell is not said, square metres: joints of furniture.
-const LEAST_M2: f64 = 0.1;
+const OFFSET_STEP_M: f64 = 1e-4;
+/// Quantisation step of the components of unit normals.
+const NORMAL_STEP: f64 = 1e-3;
+/// Minimum reported overlap of a cell, square metres; joints of furniture have less.
+const MIN_AREA_M2: f64 = 0.1;
 
-/// A triangle in its plane.
-struct Flat {
+/// A triangle projected onto its plane.
+struct PlanarTriangle {
     cell: u32,
     material: u32,
     corners: [DVec2; 3],
@@ -22,29 +22,27 @@ struct Flat {
     high: DVec2,
 }
 
-/// A plane that faces one way: its normal and offset on a grid.
+/// An oriented plane: its quantised unit normal and offset.
 type Plane = [i64; 4];
 
 impl PortalModel {
     /// Finds triangles of different materials that overlap in one plane, facing the same way: one
     /// finding for each cell, with the area and the centre of the largest overlap.
     pub fn coplanar(&self) -> Vec<Finding> {
-        let mut planes: HashMap<Plane, Vec<Flat>> = HashMap::new();
+        let mut planes: BTreeMap<Plane, Vec<PlanarTriangle>> = BTreeMap::new();
         for (cell, it) in (0_u32..).zip(&self.cells) {
             for triangle in it.triangles.clone() {
-                if let Some((plane, flat)) = self.flat(cell, triangle) {
-                    planes.entry(plane).or_default().push(flat);
+                if let Some((plane, planar)) = self.project(cell, triangle) {
+                    planes.entry(plane).or_default().push(planar);
                 }
             }
         }
-        // For each cell: the area in all, the largest place and its middle.
+        // For each cell: total area, area of the largest overlap and its centre.
         let mut cells: BTreeMap<u32, (f64, f64, DVec3)> = BTreeMap::new();
-        let mut sorted: Vec<(Plane, Vec<Flat>)> = planes.into_iter().collect();
-        sorted.sort_by_key(|(plane, _)| *plane);
-        for (plane, mut flats) in sorted {
-            flats.sort_by(|a, b| a.low.x.total_cmp(&b.low.x));
-            for (i, a) in flats.iter().enumerate() {
-                for b in flats[i + 1..].iter().take_while(|b| b.low.x < a.high.x) {
+        for (plane, mut triangles) in planes {
+            triangles.sort_by(|a, b| a.low.x.total_cmp(&b.low.x));
+            for (i, a) in triangles.iter().enumerate() {
+                for b in triangles[i + 1..].iter().take_while(|b| b.low.x < a.high.x) {
                     if a.material == b.material
                         || a.cell != b.cell
                         || b.low.y >= a.high.y
@@ -56,15 +54,14 @@ impl PortalModel {
                     let entry = cells.entry(a.cell).or_insert((0.0, 0.0, DVec3::ZERO));
                     entry.0 += area;
                     if area > entry.1 {
-                        (entry.1, entry.2) = (area, lift(plane, middle));
+                        (entry.1, entry.2) = (area, unproject(plane, middle));
                     }
                 }
             }
         }
         let finding = |(cell, (area, _, at)): (u32, (f64, f64, DVec3))| {
-            let name = self.cells[cell as usize].name.clone();
-            (area >= LEAST_M2).then_some(Finding::Coplanar {
-                cell: name,
+            (area >= MIN_AREA_M2).then(|| Finding::Coplanar {
+                cell: self.cells[cell as usize].name.clone(),
                 area,
                 at,
             })
@@ -72,55 +69,44 @@ impl PortalModel {
         cells.into_iter().filter_map(finding).collect()
     }
 
-    fn flat(&self, cell: u32, triangle: u32) -> Option<(Plane, Flat)> {
+    /// Projects a triangle onto its plane; `None` if it has no area.
+    fn project(&self, cell: u32, triangle: u32) -> Option<(Plane, PlanarTriangle)> {
         let [a, b, c] = self.scene.corners(triangle);
         let normal = (b - a).cross(c - a).try_normalize()?;
-        let direction = normal / ONE_NORMAL;
-        let on_grid = |x: f64| x.round() as i64;
-        // By the normal on the grid, so that all corners of one plane are projected alike.
-        let axes = [direction.x, direction.y, direction.z].map(on_grid);
-        let rounded = DVec3::from(axes.map(|x| x as f64)).try_normalize()?;
-        let plane = [
-            axes[0],
-            axes[1],
-            axes[2],
-            on_grid(a.dot(rounded) / ONE_PLANE_M),
-        ];
-        let [u, v] = frame(plane);
+        let quantise = |x: f64| x.round() as i64;
+        // The projection uses the quantised normal, so that it is the same for all triangles of a
+        // plane.
+        let [x, y, z] = (normal / NORMAL_STEP).to_array().map(quantise);
+        let rounded = DVec3::from([x, y, z].map(|x| x as f64)).try_normalize()?;
+        let plane = [x, y, z, quantise(a.dot(rounded) / OFFSET_STEP_M)];
+        let [u, v] = basis(plane);
         let corners = [a, b, c].map(|p| DVec2::new(p.dot(u), p.dot(v)));
-        let (low, high) = (
-            corners[0].min(corners[1]).min(corners[2]),
-            corners[0].max(corners[1]).max(corners[2]),
-        );
-        let material = self.scene.triangles.get(triangle as usize)?.material;
-        Some((
-            plane,
-            Flat {
-                cell,
-                material,
-                corners,
-                low,
-                high,
-            },
-        ))
+        let planar = PlanarTriangle {
+            cell,
+            material: self.scene.triangles[triangle as usize].material,
+            corners,
+            low: corners[0].min(corners[1]).min(corners[2]),
+            high: corners[0].max(corners[1]).max(corners[2]),
+        };
+        Some((plane, planar))
     }
 }
 
-/// Two unit vectors along a plane, counter-clockwise about its normal.
-fn frame(plane: Plane) -> [DVec3; 2] {
+/// Returns two unit vectors along a plane, counter-clockwise about its normal.
+fn basis(plane: Plane) -> [DVec3; 2] {
     let normal = DVec3::from([plane[0], plane[1], plane[2]].map(|x| x as f64)).normalize_or_zero();
     let u = normal.any_orthonormal_vector();
     [u, normal.cross(u)]
 }
 
-/// A point of a plane in space.
-fn lift(plane: Plane, p: DVec2) -> DVec3 {
-    let [u, v] = frame(plane);
-    u * p.x + v * p.y + u.cross(v) * (plane[3] as f64 * ONE_PLANE_M)
+/// Returns the world position of a point on a plane.
+fn unproject(plane: Plane, p: DVec2) -> DVec3 {
+    let [u, v] = basis(plane);
+    u * p.x + v * p.y + u.cross(v) * (plane[3] as f64 * OFFSET_STEP_M)
 }
 
-/// Area that two counter-clockwise triangles share, and the middle of its corners
-/// (Sutherland-Hodgman).
+/// Clips two counter-clockwise triangles against each other (Sutherland-Hodgman). Returns the area
+/// of the overlap and the mean of its corners.
 fn overlap(a: &[DVec2; 3], b: &[DVec2; 3]) -> (f64, DVec2) {
     let mut polygon = a.to_vec();
     for i in 0..3 {

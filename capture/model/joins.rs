@@ -1,20 +1,20 @@
-//! Cells that see each other without a portal become one cell: what a portal cannot be found for is
-//! at least not missing.
+//! Joins cells that see each other where no portal was found, so that nothing is missing from their
+//! views.
 
 use super::{Cell, Finding, PortalModel};
 use headbox_trace::bvh::Tracer;
 use std::sync::Arc;
 
-/// Rays from each cell that look for such sight.
+/// Number of rays from each cell.
 const RAYS: u32 = 2000;
-/// Number of stray rays, of both cells together, that may pass cracks and rounding errors: closed
-/// homes have one or two.
-const FEW: usize = 10;
+/// Maximum number of stray rays between two cells that are attributed to cracks and rounding
+/// errors: closed homes have one or two.
+const MAX_STRAYS: usize = 10;
 
 impl PortalModel {
-    /// Joins cells that more than a few rays find to see each other past all portals (see
-    /// [`Self::leaks`]), and says which. The outside is not joined to: a room that leaks to it
-    /// would lose its walls' other sides.
+    /// Joins and reports cells between which more than a few rays pass without crossing a portal
+    /// (see [`Self::leaks`]). No room is joined to the outside: it would lose the outer sides of
+    /// its walls.
     pub fn join_leaking(&mut self) -> Vec<Finding> {
         if self.cells.len() < 2 || self.scene.triangles.is_empty() {
             return Vec::new();
@@ -31,7 +31,7 @@ impl PortalModel {
             let back = leaks.get(&(into, from)).map_or(0, |(rays, _)| *rays);
             let counted_already = back > 0 && into < from;
             if counted_already
-                || rays + back <= FEW
+                || rays + back <= MAX_STRAYS
                 || self.is_outside(from)
                 || self.is_outside(into)
             {
@@ -55,7 +55,7 @@ impl PortalModel {
         findings
     }
 
-    /// Makes one cell of all that are joined to the same one; portals between them go.
+    /// Merges each cell into the cell `joined` for it, and removes the portals between them.
     fn unite(&mut self, joined: &[u32]) {
         let old = std::mem::take(&mut self.cells);
         let mut new_of_old = vec![0_u32; old.len()];
@@ -86,10 +86,8 @@ impl PortalModel {
         }
         self.scene.triangles = triangles;
         self.outside = self.outside.map(|outside| new_of_old[outside as usize]);
-        for portal in &mut self.portals {
-            portal.cells = portal
-                .cells
-                .map(|cell| new_of_old.get(cell as usize).copied().unwrap_or(cell));
+        for cell in self.portals.iter_mut().flat_map(|p| &mut p.cells) {
+            *cell = new_of_old.get(*cell as usize).copied().unwrap_or(*cell);
         }
         self.portals
             .retain(|portal| portal.cells[0] != portal.cells[1]);

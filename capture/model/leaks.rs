@@ -1,7 +1,7 @@
-//! Leaks: rays from cell to cell past all portals.
+//! Leaks: rays that pass from one cell into another without crossing a portal.
 
 use super::polygon::Polygon;
-use super::{Finding, Portal, PortalModel, distance_to_outline};
+use super::{Finding, PortalModel, distance_to_outline};
 use glam::{DVec2, DVec3};
 use headbox_trace::bvh::{Ray, Tracer};
 use headbox_trace::sampler::{random4, unit_float};
@@ -12,19 +12,19 @@ use std::collections::BTreeMap;
 /// far off the border of its cell's space.
 const BEFORE_HIT_M: f64 = 0.03;
 
-/// Portals are grown by this much for the rays of the search, metres: drawn homes leave a few
-/// millimetres between an opening and the wall around it.
+/// Margin of portals for the search, metres: hand-drawn homes have gaps of a few millimetres between
+/// an opening and the wall around it.
 const EDGE_M: f64 = 0.005;
 
-/// Rays start at least this far from the border of their cell's space, metres: the space of a cell
-/// may reach to the middle of its walls, and what is seen from inside a wall says nothing. A cell
-/// too narrow for that sends no rays.
+/// Minimum distance of ray origins from the border of their cell's space, metres: the space may
+/// reach to the middle of walls, and rays from inside a wall are meaningless. A narrower cell sends
+/// no rays.
 const FROM_BORDER_M: f64 = 0.25;
 
-/// Attempts to find a point in a cell, for each that is wanted.
+/// Maximum number of attempts to find the origin of a ray.
 const ATTEMPTS: u32 = 64;
 
-/// A ray that was found in another cell than its portals led it to.
+/// A ray that ended in a cell to which its portals do not lead.
 struct Stray {
     from: u32,
     into: u32,
@@ -32,10 +32,10 @@ struct Stray {
 }
 
 impl PortalModel {
-    /// Sends `rays_per_cell` rays from seeded points in each cell (but the outside) in seeded
-    /// directions, follows them through the portals they cross, and reports those that end in
+    /// Traces `rays_per_cell` rays from seeded points in each cell (except the outside) in seeded
+    /// directions, follows them through the portals that they cross, and reports those that end in
     /// another cell: one finding for each pair of cells. `tracer` is over this model's scene. The
-    /// same on any number of threads.
+    /// result does not depend on the number of threads.
     pub fn leaks(&self, tracer: &Tracer, rays_per_cell: u32, seed: u64) -> Vec<Finding> {
         let name = |cell: u32| self.cells[cell as usize].name.clone();
         let of = rays_per_cell as usize
@@ -63,21 +63,14 @@ impl PortalModel {
         rays_per_cell: u32,
         seed: u64,
     ) -> BTreeMap<(u32, u32), (usize, DVec3)> {
-        // Portals to cells that do not exist lead nowhere.
-        let is_sound = |p: &Portal| {
-            p.cells
-                .iter()
-                .all(|&cell| (cell as usize) < self.cells.len())
-        };
+        // Portals to missing cells are ignored.
+        let exists = |&cell: &u32| (cell as usize) < self.cells.len();
         let polygons: Vec<Option<Polygon>> = self
             .portals
             .iter()
-            .map(|p| {
-                if is_sound(p) {
-                    Polygon::new(&p.polygon).ok()
-                } else {
-                    None
-                }
+            .map(|portal| {
+                let polygon = Polygon::new(&portal.polygon).ok();
+                polygon.filter(|_| portal.cells.iter().all(exists))
             })
             .collect();
         let cells: Vec<u32> = (0..self.cells.len() as u32)
@@ -104,8 +97,8 @@ impl PortalModel {
         pairs
     }
 
-    /// A point well inside a cell and a unit direction, uniform both; none if no attempt found a
-    /// point.
+    /// Samples a point well inside a cell and a unit direction, both uniform; `None` if no attempt
+    /// finds a point.
     fn ray_from(&self, cell: u32, ray: u32, seed: u64) -> Option<(DVec3, DVec3)> {
         let space = &self.cells[cell as usize].space;
         let key = (seed ^ (seed >> 32)) as u32;
@@ -124,15 +117,14 @@ impl PortalModel {
             (clear && self.cell_at(p) == Some(cell)).then_some(p)
         })?;
         let [a, b, ..] = random4([key, cell, ray, ATTEMPTS]).map(|r| f64::from(unit_float(r)));
-        let (up, around) = (2.0 * a - 1.0, b * std::f64::consts::TAU);
-        let aside = (1.0 - up * up).max(0.0).sqrt();
-        Some((
-            point,
-            DVec3::new(around.cos() * aside, up, around.sin() * aside),
-        ))
+        let (y, azimuth) = (2.0 * a - 1.0, b * std::f64::consts::TAU);
+        let radius = (1.0 - y * y).max(0.0).sqrt();
+        let direction = DVec3::new(azimuth.cos() * radius, y, azimuth.sin() * radius);
+        Some((point, direction))
     }
 
-    /// Follows a ray from a cell to what it hits.
+    /// Follows a ray from a cell through portals to its hit. Returns the ray if it ends in another
+    /// cell than its portals lead to.
     fn follow(
         &self,
         tracer: &Tracer,
@@ -141,12 +133,7 @@ impl PortalModel {
         origin: DVec3,
         direction: DVec3,
     ) -> Option<Stray> {
-        let local = Ray {
-            origin: (origin - tracer.origin()).as_vec3(),
-            direction: direction.as_vec3(),
-            t_min: 0.0,
-            t_max: f32::INFINITY,
-        };
+        let local = Ray::new((origin - tracer.origin()).as_vec3(), direction.as_vec3());
         let hit = tracer.closest(&local);
         let reach = hit.map_or(f64::INFINITY, |hit| f64::from(hit.t));
         let mut crossings: Vec<(f64, usize)> = polygons
@@ -169,8 +156,7 @@ impl PortalModel {
             }
         }
         let Some(hit) = hit else {
-            // Into the sky: that is outside. A model without an outside has nothing there to be
-            // missed.
+            // The ray leaves to the sky, which is outside.
             let into = self.outside.filter(|&outside| outside != current)?;
             return Some(Stray {
                 from: current,
@@ -178,7 +164,7 @@ impl PortalModel {
                 at: origin,
             });
         };
-        // Not back through the portal that it came through last.
+        // The tested position is not in front of the last portal that the ray crossed.
         let at = origin + direction * (reach - BEFORE_HIT_M).max((last_crossing + reach) / 2.0);
         let found = self.cell_at(at)?;
         let owner = (0_u32..)

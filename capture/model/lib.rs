@@ -1,11 +1,10 @@
-//! Models of *cells* and *portals*: rooms, and the openings through which one room is seen from
-//! another (R1, P1). Geometry and topology only; what is captured of them belongs to the
-//! walkthrough.
+//! Models of *cells* and *portals*: rooms, and the openings through which one room is visible from
+//! another (R1, P1). Geometry and topology only; captures of rooms belong to the walkthrough.
 //!
-//! * A **cell** is a region of space: a set of vertical prisms, with the triangles that stand in
-//!   it. At most one cell is the *outside*: all space that no other cell contains.
-//! * A **portal** is a planar convex polygon shared by exactly two cells. Nothing but a portal lets
-//!   light pass from one cell to another: what is seen of another cell is seen through portals.
+//! * A **cell** is a region of space: a set of vertical prisms, and the triangles in it. At most
+//!   one cell is the *outside*: all space that no other cell contains.
+//! * A **portal** is a planar convex polygon shared by exactly two cells. Cells are visible from
+//!   each other only through portals.
 
 pub mod bake;
 mod borders;
@@ -22,6 +21,7 @@ pub use polygon::Shape;
 use glam::{DVec2, DVec3};
 use headbox_core::headbox::Headbox;
 use headbox_scene::scene::Scene;
+use headbox_trace::viewpoint::EYE_HEIGHT_M;
 use std::ops::Range;
 
 /// An upright prism: a simple polygon in plan, from its floor to its ceiling.
@@ -59,7 +59,7 @@ impl Prism {
     }
 }
 
-/// A region of space and what stands in it.
+/// A region of space and the triangles in it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Cell {
     /// Name in messages and plans.
@@ -100,8 +100,8 @@ pub struct PortalModel {
 }
 
 impl PortalModel {
-    /// The cell that contains a point (world metres): the first whose space does, else the outside
-    /// cell, else none (a point in a wall of a model without an outside).
+    /// Returns the cell that contains a point (world metres): the first whose space does, else the
+    /// outside cell, else `None` (a point in a wall of a model without an outside).
     pub fn cell_at(&self, p: DVec3) -> Option<u32> {
         let inside = self
             .cells
@@ -110,7 +110,7 @@ impl PortalModel {
         inside.map_or(self.outside, |cell| u32::try_from(cell).ok())
     }
 
-    /// The portals of a cell, as (index of the portal, the cell behind it).
+    /// Returns the portals of a cell, as (index of the portal, the cell behind it).
     pub fn portals_of(&self, cell: u32) -> impl Iterator<Item = (usize, u32)> + '_ {
         self.portals
             .iter()
@@ -123,14 +123,14 @@ impl PortalModel {
     }
 }
 
-/// The side of a triangle that is seen.
+/// Visible side of a triangle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Side {
-    /// The one that its normal points to.
+    /// The side to which its normal points.
     Front,
-    /// The other one.
+    /// The other side.
     Back,
-    /// Either.
+    /// Unknown, or both.
     Any,
 }
 
@@ -141,9 +141,9 @@ impl Side {
 }
 
 impl PortalModel {
-    /// For each triangle the side that its cell sees: where the cell ends at the surface, and
-    /// nowhere goes on behind it, only one. The side of a jamb is seen from the room where it
-    /// stands out of the wall, though the middle of it lies in the wall.
+    /// Returns the side of each triangle that is visible from its cell: one side if the cell is
+    /// somewhere in front of the triangle and nowhere on both sides of it. Besides the middle, the
+    /// corners are tested: the middle of a jamb is in the wall, but its edge is visible.
     pub(crate) fn sides(&self) -> Vec<Side> {
         let mut sides = vec![Side::Any; self.scene.triangles.len()];
         for (cell, it) in (0_u32..)
@@ -158,34 +158,32 @@ impl PortalModel {
     }
 
     fn side_toward(&self, cell: u32, corners: [DVec3; 3]) -> Side {
-        /// From a corner to the middle, so that it lies on the triangle.
+        /// Share of the way from a corner to the middle at which a corner is tested.
         const INWARD: f64 = 0.05;
         let [a, b, c] = corners;
         let (normal, middle) = ((b - a).cross(c - a).normalize_or_zero(), (a + b + c) / 3.0);
-        let places = [middle]
+        let positions = [middle]
             .into_iter()
             .chain(corners.map(|corner| corner.lerp(middle, INWARD)));
-        let mut seen = [false; 2];
-        for place in places {
+        let mut visible = [false; 2];
+        for position in positions {
             match [1.0, -1.0]
-                .map(|side| self.cell_at(place + normal * (side * Side::PROBE_M)) == Some(cell))
+                .map(|side| self.cell_at(position + normal * (side * Side::PROBE_M)) == Some(cell))
             {
                 [true, true] => return Side::Any,
-                here => seen = [seen[0] || here[0], seen[1] || here[1]],
+                [front, back] => visible = [visible[0] || front, visible[1] || back],
             }
         }
-        match seen {
+        match visible {
             [true, false] => Side::Front,
             [false, true] => Side::Back,
             _ => Side::Any,
         }
     }
 
-    /// Suggests a standing position in the largest room, if the scene suggests none: exposure is
-    /// metered there.
+    /// Places a headbox at a standing position in the largest room if the scene has none; exposure
+    /// is metered there.
     pub(crate) fn suggest_headbox(&mut self) {
-        /// Height of an eye above the floor, and half size of a headbox about it, metres.
-        const EYE_M: f64 = 1.6;
         const HALF_SIZE_M: f64 = 0.4;
         let doubled_area = |prism: &&Prism| {
             let next = prism.outline.iter().cycle().skip(1);
@@ -202,7 +200,7 @@ impl PortalModel {
             return;
         };
         let middle = largest.outline.iter().sum::<DVec2>() / largest.outline.len().max(1) as f64;
-        let height = (largest.ceiling_y - largest.floor_y).min(2.0 * EYE_M) / 2.0;
+        let height = (largest.ceiling_y - largest.floor_y).min(2.0 * EYE_HEIGHT_M) / 2.0;
         let centre = DVec3::new(middle.x, largest.floor_y + height, middle.y);
         if self.scene.headbox.is_none() && largest.contains(centre) {
             self.scene.headbox = Some(Headbox {
@@ -213,7 +211,7 @@ impl PortalModel {
     }
 }
 
-/// Distance in plan from a point to the nearest edge of a closed outline.
+/// Returns the distance in plan from a point to the nearest edge of a closed outline.
 pub(crate) fn distance_to_outline(outline: &[DVec2], p: DVec2) -> f64 {
     let edges = outline.iter().zip(outline.iter().cycle().skip(1));
     let distance = |(&a, &b): (&DVec2, &DVec2)| {

@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-/// Why corners do not make a planar convex polygon.
+/// Defect of a polygon that must be planar and convex.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum Shape {
     /// Fewer than three corners.
@@ -36,19 +36,19 @@ pub(crate) struct Polygon<'a> {
     pub(crate) normal: DVec3,
 }
 
-/// Largest distance of a corner from the plane: this share of the polygon's size, or a tenth of a
-/// millimetre. Files print centimetres to a few decimals.
+/// Maximum distance of a corner from the plane, as a share of the polygon's size ...
 const FLAT_SHARE: f64 = 1e-4;
+/// ... or in metres, whichever is more: files store centimetres with a few decimals.
 const FLAT_M: f64 = 1e-4;
 
-/// A turn whose sine is below this is straight: corners may lie on an edge.
+/// Sine of the maximum angle between two edges that counts as straight: corners may lie on an edge.
 const STRAIGHT: f64 = 1e-6;
 
 impl<'a> Polygon<'a> {
     /// Checks that `corners` (world metres) make a planar convex polygon.
     ///
     /// # Errors
-    /// The first thing that is wrong.
+    /// The first defect.
     pub(crate) fn new(corners: &'a [DVec3]) -> Result<Self, Shape> {
         let count = corners.len();
         if count < 3 {
@@ -63,8 +63,8 @@ impl<'a> Polygon<'a> {
             .map(|corner| corner.distance(centroid))
             .fold(0.0, f64::max);
         let edge = |i: usize| corners[(i + 1) % count] - corners[i % count];
-        // Newell's sum: twice the area times the normal. Nothing is left of it where the edges of a
-        // figure of eight cancel, so that shape is told from the corners too.
+        // Newell's sum: twice the area times the normal. It is zero for a figure of eight, which is
+        // told apart from a polygon without area by the largest cross product of corners.
         let newell: DVec3 = (0..count)
             .map(|i| (corners[i] - centroid).cross(edge(i)))
             .sum();
@@ -107,7 +107,8 @@ impl<'a> Polygon<'a> {
         })
     }
 
-    /// Intersects a ray with the polygon grown by `margin` metres: its parameter, if not negative.
+    /// Intersects a ray with the polygon grown by `margin` metres. Returns the ray parameter, if it
+    /// is not negative.
     pub(crate) fn hit(&self, origin: DVec3, direction: DVec3, margin: f64) -> Option<f64> {
         let t = (self.centroid - origin).dot(self.normal) / direction.dot(self.normal);
         let p = origin + direction * t;
@@ -120,8 +121,8 @@ impl<'a> Polygon<'a> {
     }
 }
 
-/// Returns true if two edges of a closed outline that are not neighbours cross, seen along
-/// `normal`.
+/// Returns true if two edges of a closed outline that are not adjacent cross in the projection
+/// along `normal`.
 pub(super) fn crosses_itself(corners: &[DVec3], normal: DVec3) -> bool {
     let count = corners.len();
     let side = |a: DVec3, b: DVec3, p: DVec3| (b - a).cross(p - a).dot(normal);

@@ -1,10 +1,10 @@
-//! Vertices that have one light each.
+//! Vertices with one normal each, so that each can store one irradiance.
 
 use glam::Vec3;
 use headbox_scene::scene::{Scene, Triangle};
 
-/// Triangles around a vertex without a normal share its light where their normals differ by no more
-/// than this: the cosine of 30 degrees.
+/// Cosine of the maximum angle, 30 degrees, between the normals of triangles that share a vertex
+/// without a normal of its own.
 const SMOOTH_COSINE: f32 = 0.866;
 
 /// Vertices with one normal each, and the triangles around each.
@@ -13,33 +13,26 @@ pub(super) struct Corners {
     pub(super) normals: Vec<Vec3>,
     /// Index in `around` of each vertex's first triangle.
     first: Vec<u32>,
-    /// Triangle and corner.
+    /// Triangles around each vertex, and the index of the vertex among the triangle's corners.
     around: Vec<(u32, u8)>,
 }
 
 impl Corners {
-    /// The triangles around a vertex, and which of their corners it is.
+    /// Returns the triangles around a vertex, and its index among the corners of each.
     pub(super) fn around(&self, vertex: usize) -> &[(u32, u8)] {
         &self.around[self.first[vertex] as usize..self.first[vertex + 1] as usize]
     }
 }
 
-/// Gives every vertex one normal: its own, or, where the scene has none for it, that of the
-/// triangles around it; triangles that meet there at an angle get vertices of their own.
+/// Gives each vertex one normal: its own, or, if it has none, that of the triangles around it.
+/// Triangles that meet at a crease get separate vertices.
 pub(super) fn separate_creases(scene: &mut Scene) -> Corners {
     let originals = scene.positions.len();
     let has_normal =
         |scene: &Scene, vertex: usize| scene.normals.get(vertex).is_some_and(|n| *n != Vec3::ZERO);
-    let mut normals: Vec<Vec3> = (0..originals)
-        .map(|v| {
-            if has_normal(scene, v) {
-                scene.normals[v]
-            } else {
-                Vec3::ZERO
-            }
-        })
-        .collect();
-    // Further vertices at the place of one that stands at a crease: a list through `next`.
+    let mut normals = scene.normals.clone();
+    normals.resize(originals, Vec3::ZERO);
+    // Linked lists of the vertices at the position of one on a crease.
     let mut next: Vec<Option<u32>> = vec![None; originals];
     for triangle in 0..scene.triangles.len() {
         let face = scene.geometric_normal(triangle as u32);
@@ -93,7 +86,8 @@ fn duplicate(scene: &mut Scene, vertex: usize) -> u32 {
     scene.positions.len() as u32 - 1
 }
 
-/// For each vertex the triangles around it, by counting sort.
+/// Sorts triangles by vertex (counting sort): returns the start of each vertex's entries and the
+/// entries, a triangle and the index of its corner.
 fn around_vertices(triangles: &[Triangle], vertices: usize) -> (Vec<u32>, Vec<(u32, u8)>) {
     let mut first = vec![0_u32; vertices + 1];
     for vertex in triangles.iter().flat_map(|t| t.vertices) {
@@ -106,9 +100,9 @@ fn around_vertices(triangles: &[Triangle], vertices: usize) -> (Vec<u32>, Vec<(u
     let mut around = vec![(0, 0); triangles.len() * 3];
     for (index, triangle) in (0_u32..).zip(triangles) {
         for (corner, vertex) in (0_u8..).zip(triangle.vertices) {
-            let place = &mut next[vertex as usize];
-            around[*place as usize] = (index, corner);
-            *place += 1;
+            let entry = &mut next[vertex as usize];
+            around[*entry as usize] = (index, corner);
+            *entry += 1;
         }
     }
     (first, around)

@@ -1,19 +1,19 @@
-//! Light baked into vertices: a scene that shows, without any light of its own, what capture and
-//! truth show with it.
+//! Light baked into vertices, so that an unlit rendering of a scene looks like the lit one of
+//! capture and truth.
 //!
-//! # What a baked scene is
-//! * Its vertex colours are the source's times irradiance / pi times the exposure, by the estimator
-//!   of [`headbox_trace::light`]; textures and albedos stay, so what a surface shows is its albedo
-//!   (vertex colour included) plus its emission: what `truth --unlit` and a capture with no light
-//!   samples show, and what a rasteriser interpolates.
-//! * Emission and sky are multiplied by the exposure, and there is no sun, so its own exposure is
-//!   1: values are stored as they are. [`headbox_trace::light::Lighting::of_scene`] with no bounces
-//!   is its light: the sky, for rays that leave.
+//! # Contents of a baked scene
+//! * Vertex colours are those of the source times irradiance / pi times the exposure, by the
+//!   estimator of [`headbox_trace::light`]. Textures and albedos stay. A surface's radiance is its
+//!   albedo (vertex colour included) plus its emission, as `truth --unlit`, a capture without light
+//!   samples and a rasteriser compute it.
+//! * Emission and sky are multiplied by the exposure, and there is no sun, so that the exposure of
+//!   the baked scene is 1. Its light, [`headbox_trace::light::Lighting::of_scene`] without bounces,
+//!   is the sky for rays that leave the scene.
 //!
-//! Geometry, images and truth of one baked scene therefore agree by construction. What is lost
-//! against the unbaked one is light between vertices (the shorter the edges, the less) and the
+//! Geometry, images and truth of one baked scene therefore agree by construction. Compared with the
+//! unbaked scene, changes of light between vertices are lost (fewer with shorter edges), and the
 //! difference between the two sides of a thin surface: each vertex has the light of the side that
-//! its room sees, or else of the brighter one, so that the winding of a file does not matter.
+//! is visible from its room, or else of the brighter side, so that the winding does not matter.
 
 mod corners;
 mod light;
@@ -31,9 +31,9 @@ use std::sync::Arc;
 /// Resolution of baked light.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BakeOptions {
-    /// Edges longer than this are cut, metres.
+    /// Maximum edge length, metres; longer edges are cut.
     pub edge_m: f64,
-    /// More triangles than this are not made: edges stay longer instead.
+    /// Maximum number of triangles; edges stay longer if it would be exceeded.
     pub max_triangles: usize,
     /// Light samples per vertex.
     pub samples: u32,
@@ -45,7 +45,7 @@ pub struct BakeOptions {
 }
 
 impl Default for BakeOptions {
-    /// Shadows resolved to a hand's breadth, soft light to two: with fewer rounds of averaging,
+    /// Resolves shadows to about 10 cm and soft light to 20 cm. With fewer rounds of smoothing,
     /// blotches stay on large walls.
     fn default() -> Self {
         Self {
@@ -58,53 +58,53 @@ impl Default for BakeOptions {
     }
 }
 
-/// A scene with its light in its vertices.
+/// A scene with light baked into its vertices.
 #[derive(Clone, Debug)]
 pub struct Baked {
-    /// The scene; see the [module](self) for how to show it.
+    /// The scene; the [module](self) describes its rendering.
     pub scene: Scene,
     /// Triangle `i` of the source became the triangles `pieces[i]..pieces[i + 1]`.
     pub pieces: Vec<u32>,
-    /// The longest edge that was left uncut on purpose, metres: more than asked for where there
-    /// would have been too many triangles.
+    /// Maximum edge length after subdivision, metres: more than requested if there would have been
+    /// too many triangles.
     pub edge_m: f64,
-    /// The exposure that is baked in.
+    /// Exposure that is baked in.
     pub exposure: f32,
-    /// Light samples that each vertex has at least: fewer than asked for if the bake was broken
-    /// off; 0 if some are dark for that.
+    /// Minimum number of light samples of a vertex: fewer than requested if the bake was cancelled,
+    /// 0 if some vertices are unlit.
     pub samples: u32,
 }
 
-/// Columns of a sky's picture, at most: a third of a degree each.
+/// Maximum number of columns of a sky's picture: a third of a degree each.
 const SKY_COLUMNS: u32 = 1024;
 
-/// Is told often, and from several threads, how many light samples, of how many, are taken: those
-/// by which it is learnt where light comes from, and those of vertices. After a `Break`, which has
-/// to be said again from then on, the bake ends soon with what it has: a first round gives every
-/// vertex eight samples, a second the rest.
+/// Callback with the number of light samples taken and their total: training paths of the light
+/// guide, then samples of vertices. Called often and from several threads. After a `Break`, which
+/// it must return from then on, the bake ends soon with the light so far: a first round gives every
+/// vertex eight samples, a second one the rest.
 pub type BakeProgress<'a> = dyn Fn(usize, usize) -> ControlFlow<()> + Sync + 'a;
 
-/// Bakes the light of a valid scene ([`Scene::validate`]). The same bytes on any number of threads.
+/// Bakes the light of a valid scene ([`Scene::validate`]). The result does not depend on the number
+/// of threads.
 pub fn bake(source: &Arc<Scene>, options: &BakeOptions, progress: &BakeProgress<'_>) -> Baked {
-    bake_seen(
+    bake_visible(
         source,
-        KnownVisibility::ALL,
+        KnownVisibility::UNKNOWN,
         Lighting::measure,
         options,
         progress,
     )
 }
 
-/// Same as [`bake`], in the scene's light as it is: without metering, so that the exposure is 1,
-/// and without fill light.
+/// Same as [`bake`] without metering and fill light: the exposure is 1.
 pub fn bake_unmetered(
     source: &Arc<Scene>,
     options: &BakeOptions,
     progress: &BakeProgress<'_>,
 ) -> Baked {
-    bake_seen(
+    bake_visible(
         source,
-        KnownVisibility::ALL,
+        KnownVisibility::UNKNOWN,
         Lighting::of_scene,
         options,
         progress,
@@ -114,40 +114,39 @@ pub fn bake_unmetered(
 /// Known visibility of a scene.
 #[derive(Clone, Copy)]
 struct KnownVisibility<'a> {
-    /// Visible side of each triangle; any for those beyond its end.
+    /// Visible side of each triangle; [`Side::Any`] beyond the end.
     sides: &'a [Side],
     /// Returns true if a position (world metres) may be visible.
     is_open: &'a (dyn Fn(DVec3) -> bool + Sync),
 }
 
 impl KnownVisibility<'_> {
-    /// Nothing.
-    const ALL: Self = Self {
+    /// No knowledge: everything may be visible.
+    const UNKNOWN: Self = Self {
         sides: &[],
         is_open: &|_| true,
     };
 }
 
-/// Same as [`bake`], with known visibility, in the light that `lights` computes for a scene and a
-/// number of bounces.
-fn bake_seen(
+/// Same as [`bake`], with known visibility and with the lighting that `prepare` computes for a
+/// scene and a number of bounces.
+fn bake_visible(
     source: &Arc<Scene>,
-    KnownVisibility { sides, is_open }: KnownVisibility<'_>,
-    lights: impl FnOnce(&Tracer, u32) -> Lighting,
+    visibility: KnownVisibility<'_>,
+    prepare: impl FnOnce(&Tracer, u32) -> Lighting,
     options: &BakeOptions,
     progress: &BakeProgress<'_>,
 ) -> Baked {
     let [low, high] = source.bounds();
     let tracer = Tracer::new(Arc::clone(source), (low + high) / 2.0);
-    let lighting = lights(&tracer, options.bounces);
-    let (mut scene, pieces, edge_m) = cut(source, options);
-    let sources = owners(&pieces);
+    let lighting = prepare(&tracer, options.bounces);
+    let (mut scene, pieces, edge_m) = subdivide_within_limit(source, options);
+    let sources = sources_of_pieces(&pieces);
     let light = VertexLight {
         tracer: &tracer,
         lighting: &lighting,
         options,
-        sides,
-        is_open,
+        visibility,
     };
     let samples = light.bake(&mut scene, &sources, progress);
 
@@ -157,7 +156,7 @@ fn bake_seen(
     }
     scene.sun = None;
     scene.lamps.clear();
-    // What is seen of the sky, of which a small picture shows enough.
+    // The sky is only a background now, for which a small picture suffices.
     scene.sky = scene.sky.map(|sky| match sky.times(exposure) {
         Sky::Picture(picture) => Sky::Picture(Arc::new(picture.reduced(SKY_COLUMNS))),
         gradient => gradient,
@@ -172,9 +171,9 @@ fn bake_seen(
 }
 
 /// Bakes the light of a portal model's scene (see [`bake`]) and stitches it; each cell keeps its
-/// surfaces. Those that border a room are lit as they are seen from it: the underside of a floor,
-/// which nobody sees, may be in the sun; what lies partly in a wall by its part in a room. Returns
-/// the model and [`Baked::samples`].
+/// surfaces. Surfaces of a room have the light of the side that is visible from it, because the
+/// invisible underside of a floor, for example, may be in the sun. Surfaces partly inside a wall
+/// have the light of their part in the room. Returns the model and [`Baked::samples`].
 pub fn bake_model(
     mut model: PortalModel,
     options: &BakeOptions,
@@ -189,19 +188,19 @@ pub fn bake_model(
     let rooms: Vec<([DVec2; 2], &Prism)> = inside
         .map(|prism| (bounds(&prism.outline), prism))
         .collect();
-    // What lies in no room lies in a wall, or outside, where all is seen.
-    let is_in_a_room = |place: DVec3| {
-        let plan = DVec2::new(place.x, place.z);
+    // Positions outside of rooms are in a wall, or outside, where everything is visible.
+    let is_in_room = |position: DVec3| {
+        let plan = DVec2::new(position.x, position.z);
         let is_near = |[low, high]: &[DVec2; 2]| plan.cmpge(*low).all() && plan.cmple(*high).all();
         rooms
             .iter()
-            .any(|(bounds, prism)| is_near(bounds) && prism.contains(place))
+            .any(|(bounds, prism)| is_near(bounds) && prism.contains(position))
     };
-    let seen = KnownVisibility {
+    let visibility = KnownVisibility {
         sides: &sides,
-        is_open: &is_in_a_room,
+        is_open: &is_in_room,
     };
-    let baked = bake_seen(&source, seen, Lighting::measure, options, progress);
+    let baked = bake_visible(&source, visibility, Lighting::measure, options, progress);
     let piece = |triangle: u32| {
         baked
             .pieces
@@ -219,13 +218,13 @@ pub fn bake_model(
         portals: model.portals,
         outside: model.outside,
     };
-    // Only now: with light of its own each new corner would show as a dent in what runs evenly
-    // along an edge.
+    // After baking: new corners interpolate the light along their edge. With light of their own
+    // they would be visible in it.
     lit.stitch();
     (lit, baked.samples)
 }
 
-/// The least and the largest coordinates of some points.
+/// Returns the bounding rectangle of points: lowest and highest corner.
 fn bounds(points: &[DVec2]) -> [DVec2; 2] {
     let all = points.iter().copied();
     [
@@ -234,11 +233,13 @@ fn bounds(points: &[DVec2]) -> [DVec2; 2] {
     ]
 }
 
-/// A scene cut to the wished edge length, or as near to it as the number of triangles allows.
-fn cut(source: &Scene, options: &BakeOptions) -> (Scene, Vec<u32>, f64) {
-    /// Each attempt allows edges longer by this factor.
+/// Subdivides a scene to the requested edge length, or as near to it as the number of triangles
+/// allows. Returns the scene, the first piece of each triangle (see [`Baked::pieces`]) and the edge
+/// length.
+fn subdivide_within_limit(source: &Scene, options: &BakeOptions) -> (Scene, Vec<u32>, f64) {
+    /// Factor of the edge length from one attempt to the next.
     const COARSER: f64 = 1.5;
-    let most = options.max_triangles.max(source.triangles.len());
+    let max_triangles = options.max_triangles.max(source.triangles.len());
     let mut edge_m = if options.edge_m > 0.0 {
         options.edge_m
     } else {
@@ -246,15 +247,15 @@ fn cut(source: &Scene, options: &BakeOptions) -> (Scene, Vec<u32>, f64) {
     };
     loop {
         let mut scene = source.clone();
-        if let Some(pieces) = subdivide(&mut scene, edge_m, most) {
+        if let Some(pieces) = subdivide(&mut scene, edge_m, max_triangles) {
             return (scene, pieces, edge_m);
         }
         edge_m *= COARSER;
     }
 }
 
-/// For each piece, the triangle of the source that it is of.
-fn owners(pieces: &[u32]) -> Vec<u32> {
+/// Returns the source triangle of each piece.
+fn sources_of_pieces(pieces: &[u32]) -> Vec<u32> {
     let runs = pieces.windows(2).enumerate();
     runs.flat_map(|(source, run)| (run[0]..run[1]).map(move |_| source as u32))
         .collect()

@@ -2,8 +2,7 @@
 
 use glam::{DVec2, DVec3};
 use headbox_scene::load::lines::{decode, keyword, lines};
-use headbox_scene::load::mtl;
-use headbox_scene::load::mtl::{Map, MtlMaterial};
+use headbox_scene::load::mtl::{self, Map, MtlMaterial};
 use headbox_scene::load::notes::Notes;
 use std::collections::HashMap;
 use std::io::{Cursor, Read};
@@ -59,7 +58,7 @@ impl<'a> Archive<'a> {
         let folder = name
             .rsplit_once('/')
             .map_or(String::new(), |(folder, _)| format!("{folder}/"));
-        let beside = |file: &str| {
+        let in_archive = |file: &str| {
             format!(
                 "{folder}{}",
                 file.trim_matches('"')
@@ -70,7 +69,7 @@ impl<'a> Archive<'a> {
         // Defects of materials only change colours.
         let mut notes = Notes::default();
         for library in &model.libraries {
-            if let Some(bytes) = self.file(&beside(library)) {
+            if let Some(bytes) = self.file(&in_archive(library)) {
                 mtl::parse(
                     &decode(&bytes),
                     library,
@@ -80,7 +79,7 @@ impl<'a> Archive<'a> {
                 );
             }
         }
-        let rename = |map: &mut Map| map.file = beside(&map.file);
+        let rename = |map: &mut Map| map.file = in_archive(&map.file);
         for material in &mut model.materials {
             [
                 &mut material.diffuse_map,
@@ -171,11 +170,10 @@ impl Model {
     fn corner(&self, word: &str) -> Option<Corner> {
         let mut numbers = word.split('/');
         let position = index(numbers.next()?, self.positions.len())?;
+        let texcoord = numbers.next();
         Some((
             position,
-            numbers
-                .next()
-                .and_then(|number| index(number, self.texcoords.len())),
+            texcoord.and_then(|number| index(number, self.texcoords.len())),
         ))
     }
 }

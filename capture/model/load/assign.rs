@@ -10,15 +10,15 @@ use std::collections::HashMap;
 /// Assignment of a group of triangles to cells.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Portion {
-    /// The whole group to this cell.
+    /// The whole group belongs to this cell.
     Cell(u32),
-    /// Left out.
+    /// The group is left out.
     LeftOut,
-    /// Each triangle to the cell on its side of this portal.
+    /// Each triangle belongs to the cell on its side of this portal.
     BySide(usize),
-    /// With all groups of this key to the cell that contains most of their area.
+    /// All groups with this key belong to the cell that contains most of their area.
     Whole(String),
-    /// Each triangle to the cell that it faces, cut if it faces several.
+    /// Each triangle belongs to the cell that it faces, and is cut if it faces several.
     Facing,
 }
 
@@ -39,12 +39,12 @@ pub(super) struct Assignment<'a> {
 impl Assignment<'_> {
     /// Assigns all triangles and sorts them by cell.
     pub(super) fn apply(&self, model: &mut PortalModel) {
-        let wholes = self.cells_of_wholes(model);
-        let portions = self.portion_of_triangles(model.scene.triangles.len());
+        let wholes = self.cells_by_key(model);
+        let portions = self.portions_by_triangle(model.scene.triangles.len());
         let mut by_cell: Vec<Vec<Triangle>> = vec![Vec::new(); model.cells.len()];
         let mut scene = std::mem::take(&mut model.scene);
         let fallback = model.outside.unwrap_or_default();
-        let mut hand = |cell: Option<u32>, triangle: Triangle| {
+        let mut assign = |cell: Option<u32>, triangle: Triangle| {
             if let Some(list) = by_cell.get_mut(cell.unwrap_or(fallback) as usize) {
                 list.push(triangle);
             }
@@ -53,14 +53,16 @@ impl Assignment<'_> {
             let triangle = scene.triangles[index];
             match portion {
                 Some(Portion::LeftOut) => {}
-                Some(Portion::Cell(cell)) => hand(Some(*cell), triangle),
+                Some(Portion::Cell(cell)) => assign(Some(*cell), triangle),
                 Some(Portion::BySide(portal)) => {
-                    hand(side_of(model, *portal, middle(&scene, &triangle)), triangle);
+                    let [a, b, c] = scene.corners(index as u32);
+                    let centroid = (a + b + c) / 3.0;
+                    assign(cell_on_side(model, *portal, centroid), triangle);
                 }
-                Some(Portion::Whole(key)) => hand(wholes.get(key.as_str()).copied(), triangle),
+                Some(Portion::Whole(key)) => assign(wholes.get(key.as_str()).copied(), triangle),
                 Some(Portion::Facing) | None => {
-                    for (cell, piece) in facing(model, &mut scene, triangle) {
-                        hand(cell, piece);
+                    for (cell, piece) in split_by_faced_cell(model, &mut scene, triangle) {
+                        assign(cell, piece);
                     }
                 }
             }
@@ -74,7 +76,7 @@ impl Assignment<'_> {
         model.scene = scene;
     }
 
-    fn portion_of_triangles(&self, count: usize) -> Vec<Option<&Portion>> {
+    fn portions_by_triangle(&self, count: usize) -> Vec<Option<&Portion>> {
         let mut portions = vec![None; count];
         for (group, portion) in self.groups.iter().zip(self.portions) {
             portions[group.triangles.start as usize..group.triangles.end as usize]
@@ -84,7 +86,7 @@ impl Assignment<'_> {
     }
 
     /// Returns the cell of each key of [`Portion::Whole`], by the area in each cell.
-    fn cells_of_wholes(&self, model: &PortalModel) -> HashMap<&str, u32> {
+    fn cells_by_key(&self, model: &PortalModel) -> HashMap<&str, u32> {
         let mut areas: HashMap<&str, Vec<f64>> = HashMap::new();
         for (group, portion) in self.groups.iter().zip(self.portions) {
             let Portion::Whole(key) = portion else {
@@ -115,17 +117,8 @@ impl Assignment<'_> {
     }
 }
 
-fn middle(scene: &Scene, triangle: &Triangle) -> DVec3 {
-    triangle
-        .vertices
-        .iter()
-        .map(|&vertex| scene.positions[vertex as usize])
-        .sum::<DVec3>()
-        / 3.0
-}
-
 /// Returns the cell of a portal on the side of a point.
-fn side_of(model: &PortalModel, portal: usize, p: DVec3) -> Option<u32> {
+fn cell_on_side(model: &PortalModel, portal: usize, p: DVec3) -> Option<u32> {
     let portal = model.portals.get(portal)?;
     let &[a, b, c, ..] = portal.polygon.as_slice() else {
         return None;
@@ -136,23 +129,25 @@ fn side_of(model: &PortalModel, portal: usize, p: DVec3) -> Option<u32> {
 
 /// Cuts a triangle into pieces that face one cell each; returns the triangle itself if it faces one
 /// cell.
-fn facing(
+fn split_by_faced_cell(
     model: &PortalModel,
     scene: &mut Scene,
     triangle: Triangle,
 ) -> Vec<(Option<u32>, Triangle)> {
-    let corners = triangle.vertices.map(|vertex| Corner::of(scene, vertex));
+    let corners = triangle
+        .vertices
+        .map(|vertex| Corner::from_vertex(scene, vertex));
     let [a, b, c] = corners.map(|corner| corner.position);
     let Some(normal) = (b - a).cross(c - a).try_normalize() else {
         return vec![(model.outside, triangle)];
     };
-    let faced = |polygon: &[Corner]| {
+    let faced_cell = |polygon: &[Corner]| {
         let middle =
             polygon.iter().map(|corner| corner.position).sum::<DVec3>() / polygon.len() as f64;
         let before = middle + normal * BEFORE_M;
         let inside = model.cell_at(before);
         if inside == model.outside {
-            room_beside(model, before).or(inside)
+            adjacent_room(model, before).or(inside)
         } else {
             inside
         }
@@ -170,28 +165,20 @@ fn facing(
         .into_iter()
         .flat_map(|piece| split_by_storeys(model, piece, normal))
         .collect();
-    let cells: Vec<Option<u32>> = pieces.iter().map(|piece| faced(piece)).collect();
+    let cells: Vec<Option<u32>> = pieces.iter().map(|piece| faced_cell(piece)).collect();
     if cells.iter().all(|cell| *cell == cells[0]) {
         return vec![(cells[0], triangle)];
     }
-    let mut out = Vec::new();
+    let mut assigned = Vec::new();
     for (piece, cell) in pieces.into_iter().zip(cells) {
         let vertices: Vec<u32> = piece.iter().map(|corner| corner.vertex_in(scene)).collect();
-        let fan = vertices
-            .windows(2)
-            .skip(1)
-            .map(|pair| [vertices[0], pair[0], pair[1]]);
-        out.extend(fan.map(|vertices| {
-            (
-                cell,
-                Triangle {
-                    vertices,
-                    material: triangle.material,
-                },
-            )
-        }));
+        let fan = vertices.windows(2).skip(1).map(|pair| Triangle {
+            vertices: [vertices[0], pair[0], pair[1]],
+            material: triangle.material,
+        });
+        assigned.extend(fan.map(|triangle| (cell, triangle)));
     }
-    out
+    assigned
 }
 
 /// Cuts a polygon in front of one room, in plan, at the heights of its floors and ceilings.
@@ -216,19 +203,15 @@ fn split_by_storeys(model: &PortalModel, piece: Vec<Corner>, normal: DVec3) -> V
 }
 
 /// Returns the room whose outline is nearest to a point outside of rooms, within [`BESIDE_M`].
-fn room_beside(model: &PortalModel, p: DVec3) -> Option<u32> {
+fn adjacent_room(model: &PortalModel, p: DVec3) -> Option<u32> {
     let rooms = (0u32..).zip(&model.cells);
     let prisms = rooms.flat_map(|(cell, it)| it.space.iter().map(move |prism| (cell, prism)));
-    let distances = prisms
+    let plan = DVec2::new(p.x, p.z);
+    let (cell, distance) = prisms
         .filter(|(_, prism)| (prism.floor_y..=prism.ceiling_y).contains(&p.y))
-        .map(|(cell, prism)| {
-            (
-                cell,
-                distance_to_outline(&prism.outline, DVec2::new(p.x, p.z)),
-            )
-        });
-    let nearest = distances.min_by(|a, b| a.1.total_cmp(&b.1))?;
-    (nearest.1 <= BESIDE_M).then_some(nearest.0)
+        .map(|(cell, prism)| (cell, distance_to_outline(&prism.outline, plan)))
+        .min_by(|a, b| a.1.total_cmp(&b.1))?;
+    (distance <= BESIDE_M).then_some(cell)
 }
 
 /// Returns the edges of the cells' outlines near a triangle, moved along its normal, in plan.
@@ -252,7 +235,7 @@ fn borders_near(model: &PortalModel, triangle: [DVec3; 3], normal: DVec3) -> Vec
 }
 
 impl Corner {
-    fn of(scene: &Scene, vertex: u32) -> Self {
+    fn from_vertex(scene: &Scene, vertex: u32) -> Self {
         let at = vertex as usize;
         Self {
             position: scene.positions[at],

@@ -4,37 +4,37 @@ use super::home::{Home, Room, Wall};
 use crate::distance_to_outline;
 use glam::DVec2;
 
-/// Distance of a wall's end from a room's corner up to which it can carry the ceiling there,
+/// Maximum distance from a room's corner of the end of a wall that carries the ceiling there,
 /// centimetres: rooms are drawn to the faces of walls, and the centre lines of joined walls end a
 /// wall's thickness apart.
-const AT_CORNER: f64 = 60.0;
+const CORNER_REACH: f64 = 60.0;
 
 /// Least height of such a wall, as a share of the storey's height; counters and parapets are lower.
-const HIGH: f64 = 0.75;
+const MIN_HEIGHT_SHARE: f64 = 0.75;
 
-/// Distance within which walls are along an outline, and rooms without a wall between are adjacent,
-/// centimetres.
-const BESIDE: f64 = 40.0;
+/// Maximum distance from a room's outline of the faces of its walls, and of adjacent rooms without a
+/// wall between, centimetres.
+const ADJACENT: f64 = 40.0;
 
 /// Step along an outline, centimetres.
 const STEP: f64 = 10.0;
 
-/// Maximum number of steps of an edge, for outlines of any size.
-const MOST_STEPS: f64 = 300.0;
+/// Maximum number of steps along an edge.
+const MAX_STEPS: f64 = 300.0;
 
-/// Least share of an outline along walls or other rooms for a roof; a terrace has less.
-const ENCLOSED: f64 = 0.8;
+/// Least share of an outline along walls or other rooms for a ceiling; a terrace has less.
+const MIN_ENCLOSED: f64 = 0.8;
 
 impl Home {
     /// Raises the ceilings of the topmost storey to its walls, which may be higher than the storey
     /// and slope under a roof. Each corner gets the height of the highest wall that ends there, or
     /// else of the nearest high wall. Low walls count if a wall slopes: under a roof they are not
     /// parapets.
-    pub(super) fn hang_ceilings(&mut self) {
+    pub(super) fn raise_ceilings(&mut self) {
         for room in self.rooms.iter_mut().filter(|room| room.is_topmost) {
-            let walls = || self.walls.iter().filter(|wall| wall.is_beside(room));
-            let ends: Vec<(DVec2, f64)> = walls().flat_map(ends_of).collect();
-            let high = room.floor + HIGH * (room.ceiling() - room.floor);
+            let walls = || self.walls.iter().filter(|wall| wall.is_on_storey_of(room));
+            let ends: Vec<(DVec2, f64)> = walls().flat_map(upper_ends).collect();
+            let high = room.floor + MIN_HEIGHT_SHARE * (room.ceiling() - room.floor);
             let least = if walls().any(|wall| wall.heights[0] != wall.heights[1]) {
                 f64::NEG_INFINITY
             } else {
@@ -44,7 +44,7 @@ impl Home {
                 let distance = |(end, _): &&(DVec2, f64)| end.distance(*corner);
                 let here = ends
                     .iter()
-                    .filter(|end| distance(end) <= AT_CORNER && end.1 >= least)
+                    .filter(|end| distance(end) <= CORNER_REACH && end.1 >= least)
                     .map(|(_, top)| *top)
                     .reduce(f64::max);
                 let nearest = || {
@@ -59,7 +59,7 @@ impl Home {
 
     /// Restores ceilings that were switched off: if no room of a home has one, rooms enclosed by
     /// walls or other rooms get theirs. Returns their number.
-    pub(super) fn put_ceilings_on(&mut self) -> usize {
+    pub(super) fn restore_ceilings(&mut self) -> usize {
         if self.rooms.iter().any(|room| room.covered) {
             return 0;
         }
@@ -72,12 +72,13 @@ impl Home {
         enclosed.len()
     }
 
+    /// Returns true if most of a room's outline is along walls or other rooms.
     fn is_enclosed(&self, index: usize) -> bool {
         let room = &self.rooms[index];
         let walls: Vec<&Wall> = self
             .walls
             .iter()
-            .filter(|wall| wall.is_beside(room) && wall.is_high_in(room))
+            .filter(|wall| wall.is_on_storey_of(room) && wall.is_high_in(room))
             .collect();
         let others: Vec<&Room> = self
             .rooms
@@ -86,41 +87,41 @@ impl Home {
             .filter(|&(i, other)| i != index && other.floor == room.floor)
             .map(|(_, r)| r)
             .collect();
-        let has_beside = |p: DVec2| {
+        let is_closed = |p: DVec2| {
             walls.iter().any(|wall| {
-                distance_to_outline(&[wall.start, wall.end], p) <= wall.thickness / 2.0 + BESIDE
+                distance_to_outline(&[wall.start, wall.end], p) <= wall.thickness / 2.0 + ADJACENT
             }) || others
                 .iter()
-                .any(|other| distance_to_outline(&other.outline, p) <= BESIDE)
+                .any(|other| distance_to_outline(&other.outline, p) <= ADJACENT)
         };
         let (mut all, mut closed) = (0u32, 0u32);
         for (from, to) in room.outline.iter().zip(room.outline.iter().cycle().skip(1)) {
-            let steps = (from.distance(*to) / STEP).ceil().min(MOST_STEPS) as usize;
+            let steps = (from.distance(*to) / STEP).ceil().min(MAX_STEPS) as usize;
             for step in 0..steps {
                 all += 1;
-                closed += u32::from(has_beside(
+                closed += u32::from(is_closed(
                     from.lerp(*to, (step as f64 + 0.5) / steps as f64),
                 ));
             }
         }
-        f64::from(closed) >= ENCLOSED * f64::from(all)
+        f64::from(closed) >= MIN_ENCLOSED * f64::from(all)
     }
 }
 
 impl Wall {
     /// Returns true if the wall is on the storey of a room.
-    fn is_beside(&self, room: &Room) -> bool {
+    fn is_on_storey_of(&self, room: &Room) -> bool {
         self.bottom == room.floor
     }
 
-    /// Returns true if the wall is more than a parapet in a room.
+    /// Returns true if the wall is higher than a parapet in a room.
     fn is_high_in(&self, room: &Room) -> bool {
         self.heights[0].min(self.heights[1]) >= (room.ceiling() - room.floor) / 2.0
     }
 }
 
 /// Returns the ends of a wall in plan, with the heights of its upper edge.
-fn ends_of(wall: &Wall) -> [(DVec2, f64); 2] {
+fn upper_ends(wall: &Wall) -> [(DVec2, f64); 2] {
     [
         (wall.start, wall.bottom + wall.heights[0]),
         (wall.end, wall.bottom + wall.heights[1]),

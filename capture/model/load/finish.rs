@@ -33,24 +33,24 @@ pub(super) struct Finish {
 
 impl Finish {
     /// Returns true if the home specifies a finish.
-    pub(super) fn is_said(&self) -> bool {
+    pub(super) fn is_specified(&self) -> bool {
         *self != Self::default()
     }
 }
 
 /// Reads the colour of an attribute, and the texture that a child element specifies for its parent.
 pub(super) fn finish(node: Node, color_attribute: &str, texture: Option<&str>) -> Finish {
-    let is_it =
+    let is_texture =
         |child: &Node| child.has_tag_name("texture") && child.attribute("attribute") == texture;
     Finish {
         color: color(node, color_attribute),
-        picture: node.children().find(is_it).and_then(repeated),
+        picture: node.children().find(is_texture).and_then(repeated),
     }
 }
 
 fn repeated(texture: Node) -> Option<Repeated> {
-    let number = |attribute: &str, unsaid: f64| number(texture, attribute).unwrap_or(unsaid);
-    let positive = |value: f64, unsaid: f64| if value > 0.0 { value } else { unsaid };
+    let number = |attribute: &str, default: f64| number(texture, attribute).unwrap_or(default);
+    let positive = |value: f64, default: f64| if value > 0.0 { value } else { default };
     // Images of models have no size; one metre is assumed.
     let size = DVec2::new(number("width", -1.0), number("height", -1.0))
         .map(|length| positive(length, 100.0));

@@ -12,7 +12,7 @@ use std::f64::consts::{PI, TAU};
 #[derive(Clone, Copy, Debug)]
 struct Level {
     elevation: f64,
-    pub height: f64,
+    height: f64,
     is_topmost: bool,
 }
 
@@ -27,7 +27,7 @@ pub(super) struct Room {
     pub(super) ceilings: Vec<f64>,
     /// True if it has a ceiling: it is a room, not a terrace.
     pub(super) covered: bool,
-    /// True if the home has switched it off.
+    /// True if its ceiling was switched off and is restored.
     pub(super) ceiling_is_new: bool,
     /// True if there is no storey above its own.
     pub(super) is_topmost: bool,
@@ -74,8 +74,9 @@ pub(super) struct FurniturePiece {
     /// Name of the model in the archive.
     pub(super) model: Option<String>,
     pub(super) is_opening: bool,
-    /// Middle in plan, and height of the lower edge.
+    /// Centre in plan.
     pub(super) centre: DVec2,
+    /// Height of the lower edge.
     pub(super) elevation: f64,
     /// Width, height, depth.
     pub(super) size: DVec3,
@@ -84,8 +85,9 @@ pub(super) struct FurniturePiece {
     pub(super) mirrored: bool,
     /// Rotation of the model before it is scaled to its size.
     pub(super) rotation: Option<DMat3>,
-    /// Finishes of the whole piece and of single materials.
+    /// Finish of the whole piece.
     pub(super) finish: Finish,
+    /// Finishes of single materials of the model.
     pub(super) materials: Vec<(String, Finish)>,
 }
 
@@ -126,8 +128,9 @@ pub(super) struct Home {
     pub(super) openings: Vec<Opening>,
     pub(super) walls: Vec<Wall>,
     pub(super) pieces: Vec<FurniturePiece>,
-    /// Colours of the sky and of the ground around it, sRGB from 0 to 1.
+    /// Colour of the sky, sRGB from 0 to 1.
     pub(super) sky_color: Option<[f32; 3]>,
+    /// Colour of the ground around the home, likewise.
     pub(super) ground_color: Option<[f32; 3]>,
     /// Number of rooms, walls, doors, windows and pieces of furniture left out because a number is
     /// missing or invalid.
@@ -135,7 +138,7 @@ pub(super) struct Home {
 }
 
 /// Maximum thickness of a wall, centimetres.
-const THICKEST_WALL: f64 = 2_000.0;
+const MAX_WALL_THICKNESS: f64 = 2_000.0;
 
 /// Maximum angle between the straight pieces of an arc wall, radians.
 const ARC_STEP: f64 = PI / 18.0;
@@ -171,18 +174,13 @@ impl Home {
             .fold(f64::NEG_INFINITY, f64::max);
         let levels: HashMap<&str, Level> = elements(root, "level")
             .filter_map(|node| {
-                let (elevation, height) = (
-                    elevation(node),
-                    number(node, "height").unwrap_or(wall_height),
-                );
-                Some((
-                    node.attribute("id")?,
-                    Level {
-                        elevation,
-                        height,
-                        is_topmost: elevation >= topmost,
-                    },
-                ))
+                let elevation = elevation(node);
+                let level = Level {
+                    elevation,
+                    height: number(node, "height").unwrap_or(wall_height),
+                    is_topmost: elevation >= topmost,
+                };
+                Some((node.attribute("id")?, level))
             })
             .collect();
         let hidden: HashSet<&str> = elements(root, "level")
@@ -201,10 +199,11 @@ impl Home {
                     .is_none_or(|id| !hidden.contains(id))
             })
         };
-        let around = |attribute| elements("environment").find_map(|node| color(node, attribute));
+        let environment_color =
+            |attribute| elements("environment").find_map(|node| color(node, attribute));
         let mut home = Self {
-            sky_color: around("skyColor"),
-            ground_color: around("groundColor"),
+            sky_color: environment_color("skyColor"),
+            ground_color: environment_color("groundColor"),
             ..Self::default()
         };
         for node in elements("room") {
@@ -220,7 +219,7 @@ impl Home {
             match wall(node, level_of(node), wall_height, &by_id) {
                 Some(wall) => home
                     .walls
-                    .extend(wall.bent(number(node, "arcExtent").unwrap_or(0.0))),
+                    .extend(wall.split_arc(number(node, "arcExtent").unwrap_or(0.0))),
                 None => home.unreadable += 1,
             }
         }
@@ -295,13 +294,13 @@ fn wall(node: Node, level: Level, wall_height: f64, by_id: &HashMap<&str, Node>)
 impl Wall {
     /// Splits an arc wall into straight pieces of at most [`ARC_STEP`]. `extent` is the angle of
     /// the arc from start to end, radians, positive clockwise in plan.
-    fn bent(self, extent: f64) -> Vec<Self> {
+    fn split_arc(self, extent: f64) -> Vec<Self> {
         let chord = self.end - self.start;
         if extent == 0.0 || extent.abs() >= TAU || chord == DVec2::ZERO {
             return vec![self];
         }
-        let aside = chord.perp() * (((PI - extent) / 2.0).tan() / 2.0);
-        let centre = (self.start + self.end) / 2.0 + aside;
+        let offset = chord.perp() * (((PI - extent) / 2.0).tan() / 2.0);
+        let centre = (self.start + self.end) / 2.0 + offset;
         let count = (extent.abs() / ARC_STEP).ceil().max(1.0);
         // Outer faces of adjacent pieces meet; inner ones intersect.
         let joint = self.thickness / 2.0 * (extent / count / 2.0).abs().tan();
@@ -354,7 +353,7 @@ fn piece(node: Node, level: Level, is_opening: bool) -> Option<FurniturePiece> {
         finish: finish(node, "color", None),
         materials: materials
             .filter_map(material)
-            .filter(|(_, finish)| finish.is_said())
+            .filter(|(_, finish)| finish.is_specified())
             .collect(),
     })
 }
@@ -365,8 +364,8 @@ fn opening(node: Node, level: Level) -> Option<Opening> {
     let bottom = level.elevation + number(node, "elevation").unwrap_or(0.0);
     // Shares of the piece's depth from its back.
     let thickness = number(node, "wallThickness").unwrap_or(1.0) * depth;
-    // Rooms are searched in steps through the wall, which must not be endless.
-    if !(0.0..=THICKEST_WALL).contains(&thickness) {
+    // Rooms are searched in steps through the wall, whose number must be limited.
+    if !(0.0..=MAX_WALL_THICKNESS).contains(&thickness) {
         return None;
     }
     let distance = number(node, "wallDistance").unwrap_or(0.0) * depth;

@@ -7,7 +7,7 @@ use headbox_scene::scene::Scene;
 
 /// Least share of the opening that a leaf covers within the wall: half a double door covers 45 %, a
 /// pane of a double window 32 %, the frame of a sash about 20 %.
-const CLOSES: f64 = 0.28;
+const MIN_COVERAGE: f64 = 0.28;
 
 /// Resolution of the raster on the opening.
 const CELLS: usize = 48;
@@ -56,10 +56,10 @@ pub(super) fn closing_groups(
         .collect();
     let closes: Vec<bool> = groups
         .iter()
-        .map(|group| coverage(group.triangles.clone().map(corners), size, reach) > CLOSES)
+        .map(|group| coverage(group.triangles.clone().map(corners), size, reach) > MIN_COVERAGE)
         .collect();
     let grow = DVec3::new(FITTINGS_M[0], FITTINGS_M[0], FITTINGS_M[1]);
-    let belongs = |index: usize| {
+    let is_fitting = |index: usize| {
         let [low, high] = boxes[index];
         boxes.iter().zip(&closes).any(|(leaf, closes)| {
             let is_small = 2.0 * (high.y - low.y) < leaf[1].y - leaf[0].y;
@@ -70,7 +70,7 @@ pub(super) fn closing_groups(
         })
     };
     (0..groups.len())
-        .map(|index| closes[index] || belongs(index))
+        .map(|index| closes[index] || is_fitting(index))
         .collect()
 }
 
@@ -102,8 +102,8 @@ fn coverage(triangles: impl Iterator<Item = [DVec3; 3]>, size: DVec2, reach: f64
     covered.iter().filter(|&&covered| covered).count() as f64 / covered.len() as f64
 }
 
-/// Returns the third coordinate of a triangle at a point in the plane of the other two, if it
-/// covers it.
+/// Returns the third coordinate of a triangle at a point in the plane of the other two, if the
+/// triangle covers the point.
 fn depth_at([a, b, c]: [DVec3; 3], p: DVec2) -> Option<f64> {
     let area = |a: DVec3, b: DVec3, p: DVec2| (b.x - a.x) * (p.y - a.y) - (b.y - a.y) * (p.x - a.x);
     let weights = [area(b, c, p), area(c, a, p), area(a, b, p)];

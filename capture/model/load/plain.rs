@@ -41,7 +41,7 @@ const KNOWN_COLORS: [(&str, [f32; 3]); 18] = [
 const NEUTRAL: [f32; 3] = [0.7; 3];
 
 /// Sine of the greatest angle between a wall and an opening that belongs to it.
-const PARALLEL: f64 = 0.1;
+const MAX_SINE: f64 = 0.1;
 
 /// Greatest distance of an opening's middle from the faces of its wall, centimetres.
 const NEAR_WALL: f64 = 5.0;
@@ -60,7 +60,7 @@ pub(super) struct PlainHome<'a> {
     vertices: usize,
     texcoords: usize,
     /// Names of the materials so far.
-    known: HashSet<String>,
+    material_names: HashSet<String>,
 }
 
 impl<'a> PlainHome<'a> {
@@ -74,20 +74,17 @@ impl<'a> PlainHome<'a> {
             archive: Archive::new(archive),
             vertices: 0,
             texcoords: 0,
-            known: HashSet::new(),
+            material_names: HashSet::new(),
         };
-        home.rooms
-            .iter()
-            .enumerate()
-            .for_each(|(i, room)| plain.room(i, room));
-        home.walls
-            .iter()
-            .enumerate()
-            .for_each(|(i, wall)| plain.wall(i, wall, &home.openings));
-        home.pieces
-            .iter()
-            .enumerate()
-            .for_each(|(i, piece)| plain.piece(i, piece));
+        for (i, room) in home.rooms.iter().enumerate() {
+            plain.room(i, room);
+        }
+        for (i, wall) in home.walls.iter().enumerate() {
+            plain.wall(i, wall, &home.openings);
+        }
+        for (i, piece) in home.pieces.iter().enumerate() {
+            plain.piece(i, piece);
+        }
         plain
     }
 
@@ -99,7 +96,7 @@ impl<'a> PlainHome<'a> {
     /// Sets the material of the following triangles; creates it if it is new.
     fn paint(&mut self, name: String, material: impl FnOnce() -> MtlMaterial) {
         let _ = writeln!(self.text, "usemtl {name}");
-        if self.known.insert(name.clone()) {
+        if self.material_names.insert(name.clone()) {
             let material = MtlMaterial { name, ..material() };
             for map in [
                 &material.diffuse_map,
@@ -152,7 +149,7 @@ impl<'a> PlainHome<'a> {
         self.texcoords - 1
     }
 
-    /// Writes a polygon of vertices by index.
+    /// Writes a polygon with the given vertex indices.
     fn face(&mut self, corners: impl Iterator<Item = Corner>) {
         self.text.push('f');
         for (position, texcoord) in corners {
@@ -183,14 +180,14 @@ impl<'a> PlainHome<'a> {
                 .collect()
         });
         let next = corners.iter().cycle().skip(1);
-        let found: DVec3 = corners
+        let doubled_area: DVec3 = corners
             .iter()
             .zip(next)
             .map(|(a, b)| (*a - corners[0]).cross(*b - corners[0]))
             .sum();
         let corner = |i: usize| (first + i, texcoords.as_ref().map(|texcoords| texcoords[i]));
         let numbers = 0..corners.len();
-        if found.dot(normal) < 0.0 {
+        if doubled_area.dot(normal) < 0.0 {
             self.face(numbers.rev().map(corner));
         } else {
             self.face(numbers.map(corner));
@@ -231,11 +228,12 @@ impl<'a> PlainHome<'a> {
         let top = |s: f64| {
             wall.bottom + wall.heights[0] + (wall.heights[1] - wall.heights[0]) * (s / length)
         };
-        let at = |s: f64, aside: f64, y: f64| {
-            let p = wall.start + along * s + left * aside;
+        // The point at `s` along the wall, `offset` to the left of its middle line.
+        let at = |s: f64, offset: f64, y: f64| {
+            let p = wall.start + along * s + left * offset;
             DVec3::new(p.x, y.min(top(s)), p.y)
         };
-        let lift = |v: DVec2| DVec3::new(v.x, 0.0, v.y);
+        let horizontal = |v: DVec2| DVec3::new(v.x, 0.0, v.y);
         // Ranges along the wall and in height.
         let gaps: Vec<[[f64; 2]; 2]> = openings
             .iter()
@@ -253,7 +251,7 @@ impl<'a> PlainHome<'a> {
                     low
                 };
                 let belongs = middle.dot(left).abs() <= half + NEAR_WALL
-                    && opening.along.perp_dot(along).abs() < PARALLEL;
+                    && opening.along.perp_dot(along).abs() < MAX_SINE;
                 (belongs && span[0] < span[1] && low < high).then_some([span, [low, high]])
             })
             .collect();
@@ -270,7 +268,7 @@ impl<'a> PlainHome<'a> {
             picture: None,
             ..wall.finishes[0].clone()
         };
-        let nowhere = |_| DVec2::ZERO;
+        let origin = |_| DVec2::ZERO; // the finish has no picture
         let mut cuts: Vec<f64> = gaps
             .iter()
             .flat_map(|[span, _]| *span)
@@ -293,53 +291,54 @@ impl<'a> PlainHome<'a> {
                 ]
             };
             if solid.first().is_none_or(|[low, _]| *low > wall.bottom) {
-                // The floor of a doorway, which is in no room.
-                self.polygon(&plain, &across(wall.bottom), DVec3::Y, nowhere);
+                // The floor of a doorway, which belongs to no room.
+                self.polygon(&plain, &across(wall.bottom), DVec3::Y, origin);
             }
             for [low, high] in solid {
                 if low >= top(a).max(top(b)) {
                     continue;
                 }
-                for (aside, finish, sign) in sides {
+                for (offset, finish, sign) in sides {
                     let corners = [
-                        at(a, aside, low),
-                        at(b, aside, low),
-                        at(b, aside, high),
-                        at(a, aside, high),
+                        at(a, offset, low),
+                        at(b, offset, low),
+                        at(b, offset, high),
+                        at(a, offset, high),
                     ];
-                    self.polygon(finish, &corners, lift(left * aside), |p| {
+                    self.polygon(finish, &corners, horizontal(left * offset), |p| {
                         along_side(p, sign)
                     });
                 }
-                self.polygon(&plain, &across(high), DVec3::Y, nowhere);
+                self.polygon(&plain, &across(high), DVec3::Y, origin);
                 if low > wall.bottom {
-                    self.polygon(&plain, &across(low), DVec3::NEG_Y, nowhere);
+                    self.polygon(&plain, &across(low), DVec3::NEG_Y, origin);
                 }
             }
         }
-        let mut upright = |s: f64, [low, high]: [f64; 2], toward: f64| {
+        // End faces: jambs of openings, then the ends of the wall.
+        let mut end_face = |s: f64, [low, high]: [f64; 2], sign: f64| {
             let corners = [
                 at(s, half, low),
                 at(s, -half, low),
                 at(s, -half, high),
                 at(s, half, high),
             ];
-            self.polygon(&plain, &corners, lift(along * toward), nowhere);
+            self.polygon(&plain, &corners, horizontal(along * sign), origin);
         };
         for [span, heights] in gaps {
             if span[0] > from {
-                upright(span[0], heights, 1.0);
+                end_face(span[0], heights, 1.0);
             }
             if span[1] < to {
-                upright(span[1], heights, -1.0);
+                end_face(span[1], heights, -1.0);
             }
         }
-        for (s, extension, toward) in [
+        for (s, extension, sign) in [
             (from, wall.extension[0], -1.0),
             (to, wall.extension[1], 1.0),
         ] {
             if extension == 0.0 {
-                upright(s, [wall.bottom, f64::INFINITY], toward);
+                end_face(s, [wall.bottom, f64::INFINITY], sign);
             }
         }
     }
@@ -369,21 +368,24 @@ impl<'a> PlainHome<'a> {
             return;
         };
         let rotation = piece.rotation.unwrap_or(DMat3::IDENTITY);
-        let turned: Vec<DVec3> = model.positions.iter().map(|&p| rotation * p).collect();
-        let low = turned.iter().copied().fold(DVec3::INFINITY, DVec3::min);
-        let high = turned.iter().copied().fold(DVec3::NEG_INFINITY, DVec3::max);
+        let rotated: Vec<DVec3> = model.positions.iter().map(|&p| rotation * p).collect();
+        let low = rotated.iter().copied().fold(DVec3::INFINITY, DVec3::min);
+        let high = rotated
+            .iter()
+            .copied()
+            .fold(DVec3::NEG_INFINITY, DVec3::max);
         let extent = (high - low).max(DVec3::splat(f64::MIN_POSITIVE));
         let mirror = if piece.mirrored {
             DVec3::new(-1.0, 1.0, 1.0)
         } else {
             DVec3::ONE
         };
-        let sized: Vec<DVec3> = turned
+        let scaled: Vec<DVec3> = rotated
             .into_iter()
             .map(|p| (p - (low + high) / 2.0) / extent * piece.size * mirror)
             .collect();
         let first = [self.vertices, self.texcoords];
-        sized.iter().for_each(|&p| self.vertex(place(p)));
+        scaled.iter().for_each(|&p| self.vertex(place(p)));
         model.texcoords.iter().for_each(|&t| _ = self.texcoord(t));
         for (part, faces) in model.parts.iter().enumerate() {
             self.group(format_args!(
@@ -401,7 +403,7 @@ impl<'a> PlainHome<'a> {
                         // Textures of the home on a model without texture coordinates are projected
                         // on its front and its top.
                         let projected = |picture: &Repeated| {
-                            let p = sized[position];
+                            let p = scaled[position];
                             picture.texcoord(DVec2::new(p.x, p.y - p.z))
                         };
                         let picture = finish.as_ref().and_then(|finish| finish.picture.as_ref());
@@ -428,12 +430,12 @@ impl<'a> PlainHome<'a> {
         model: &Model,
         faces: &FaceGroup,
     ) -> Option<Finish> {
-        let of_part = piece
+        let own = piece
             .materials
             .iter()
             .find(|(name, _)| *name == faces.material)
             .map(|(_, finish)| finish);
-        if let Some(finish) = of_part.or(Some(&piece.finish).filter(|finish| finish.is_said())) {
+        if let Some(finish) = own.or(Some(&piece.finish).filter(|finish| finish.is_specified())) {
             self.paint_finish(finish);
             return Some(finish.clone());
         }
@@ -484,7 +486,7 @@ impl<'a> PlainHome<'a> {
     }
 }
 
-/// Parts of a range outside gaps, from below.
+/// Returns the parts of a range outside gaps, from below.
 fn solid_parts(whole: [f64; 2], gaps: impl Iterator<Item = [f64; 2]>) -> Vec<[f64; 2]> {
     gaps.fold(vec![whole], |parts, [low, high]| {
         let cut = |[from, to]: [f64; 2]| [[from, to.min(low)], [from.max(high), to]];

@@ -12,9 +12,11 @@ use headbox_core::color::linear_from_srgb;
 use headbox_core::file_frame::{FileFrame, UpAxis};
 use headbox_scene::load::obj::load_text as load_obj_text;
 use headbox_scene::load::{
-    Group, GroupedScene, LoadError, LoadOptions, folder_of, load_grouped, read,
+    Group, GroupedScene, LoadError, LoadOptions, extension_of, file_stem, folder_of, load_grouped,
+    read,
 };
 use headbox_scene::scene::{Sky, SkyGradient};
+use std::collections::BTreeSet;
 use std::io::{Cursor, Read};
 use std::path::{Path, PathBuf};
 
@@ -28,7 +30,7 @@ const REACH: f64 = 40.0;
 const STEP: f64 = 1.0;
 
 /// Greatest height of a door above its room's floor, metres; windows are higher.
-const AT_FLOOR_M: f64 = 0.05;
+const MAX_DOOR_SILL_M: f64 = 0.05;
 
 /// Maximum size of a `Home.xml`, bytes; a longer one is damaged.
 const MAX_XML_BYTES: u64 = 1 << 28;
@@ -67,8 +69,8 @@ pub(super) fn load(path: &Path, options: &ModelOptions) -> Result<LoadedModel, L
     let is_archive = bytes.starts_with(b"PK");
     let mut home = parse(path, &bytes)?;
     let mut notes = Vec::new();
-    home.hang_ceilings();
-    match home.put_ceilings_on() {
+    home.raise_ceilings();
+    match home.restore_ceilings() {
         0 => {}
         count => notes.push(format!(
             "no room has a ceiling: one is added to {count} with walls around (in Sweet Home 3D: \
@@ -85,8 +87,8 @@ pub(super) fn load(path: &Path, options: &ModelOptions) -> Result<LoadedModel, L
                 unit_m: Some(UNIT_M),
             },
         )?,
-        Ok(None) => without_export(path, &home, &bytes, &mut notes)?,
-        Err(_) if is_archive => without_export(path, &home, &bytes, &mut notes)?,
+        Ok(None) => build_from_plan(path, &home, &bytes, &mut notes)?,
+        Err(_) if is_archive => build_from_plan(path, &home, &bytes, &mut notes)?,
         Err(cause) => return Err(malformed(cause)),
     };
 
@@ -101,8 +103,8 @@ pub(super) fn load(path: &Path, options: &ModelOptions) -> Result<LoadedModel, L
             additions::ceiling(&mut scene, &corners);
         }
     }
-    scene.sky = Some(surroundings(&home));
-    let mut cells = cells_of(&home, &mut notes);
+    scene.sky = Some(sky(&home));
+    let mut cells = room_cells(&home, &mut notes);
     let outside = cells.len() as u32;
     cells.push(Cell {
         name: "Outside".into(),
@@ -127,13 +129,9 @@ pub(super) fn load(path: &Path, options: &ModelOptions) -> Result<LoadedModel, L
 
     let found = super::open_borders(&mut model);
     let doors = DoorGroups::find(&model, &home, &grouped.groups);
-    let portions = portions_of(&model, &grouped.groups, &doors, options, &mut notes);
+    let portions = assign_groups(&model, &grouped.groups, &doors, options, &mut notes);
     model.scene.summary.notes.extend(notes);
-    model.scene.name = path
-        .file_stem()
-        .unwrap_or_default()
-        .to_string_lossy()
-        .into_owned();
+    model.scene.name = file_stem(path);
     Assignment {
         groups: &grouped.groups,
         portions: &portions,
@@ -142,13 +140,14 @@ pub(super) fn load(path: &Path, options: &ModelOptions) -> Result<LoadedModel, L
     Ok(LoadedModel::new(model, found))
 }
 
-/// Returns the sky and the ground in the home's colours, as bright as with the default sun.
-fn surroundings(home: &Home) -> Sky {
-    /// Default sky of Sweet Home 3D.
+/// Returns a sky and ground in the home's colours, as bright as with the default sun.
+fn sky(home: &Home) -> Sky {
+    /// Default colour of the sky in Sweet Home 3D, sRGB.
     const SKY: [f32; 3] = [0.8, 0.894, 0.988];
+    /// Default colour of the ground in Sweet Home 3D, sRGB.
     const GROUND: [f32; 3] = [0.659; 3];
     /// Radiance of white level ground under sun and sky.
-    const ON_GROUND: f32 = 1.2;
+    const GROUND_RADIANCE: f32 = 1.2;
     let horizon = home.sky_color.unwrap_or(SKY).map(linear_from_srgb);
     Sky::Gradient(SkyGradient {
         // A clear sky is darker at the zenith.
@@ -157,12 +156,12 @@ fn surroundings(home: &Home) -> Sky {
         ground: home
             .ground_color
             .unwrap_or(GROUND)
-            .map(|c| linear_from_srgb(c) * ON_GROUND),
+            .map(|c| linear_from_srgb(c) * GROUND_RADIANCE),
     })
 }
 
 /// Builds the geometry of a home without an export.
-fn without_export(
+fn build_from_plan(
     path: &Path,
     home: &Home,
     archive: &[u8],
@@ -220,16 +219,11 @@ fn find_export(plan: &Path) -> Result<Option<PathBuf>, String> {
     let mut all: Vec<PathBuf> = entries
         .filter_map(|entry| entry.ok().map(|entry| entry.path()))
         .collect();
-    all.retain(|path| headbox_scene::load::extension_of(path) == "obj");
+    all.retain(|path| extension_of(path) == "obj");
     all.sort();
-    let stem = |path: &Path| {
-        path.file_stem()
-            .unwrap_or_default()
-            .to_string_lossy()
-            .to_lowercase()
-    };
-    let wanted = [stem(plan), "home".to_owned()];
-    let named = wanted
+    let stem = |path: &Path| file_stem(path).to_lowercase();
+    let names = [stem(plan), "home".to_owned()];
+    let named = names
         .iter()
         .find_map(|name| all.iter().find(|path| stem(path) == *name));
     match (named, all.as_slice()) {
@@ -244,7 +238,7 @@ fn find_export(plan: &Path) -> Result<Option<PathBuf>, String> {
 }
 
 /// Returns a cell for each room with a ceiling.
-fn cells_of(home: &Home, notes: &mut Vec<String>) -> Vec<Cell> {
+fn room_cells(home: &Home, notes: &mut Vec<String>) -> Vec<Cell> {
     let cell = |(index, room): (usize, &Room)| {
         if !room.covered {
             notes.push(format!(
@@ -280,7 +274,7 @@ fn add_portal(model: &mut PortalModel, opening: &Opening) {
     let across = opening.across();
     let half = opening.along * (opening.width / 2.0);
     let [bottom, top] = opening.heights;
-    let (middle, rooms) = Probe { model, opening }.middle_and_rooms();
+    let (middle, rooms) = RoomSearch { model, opening }.middle_and_rooms();
     for (found, side) in rooms.into_iter().zip([1.0, -1.0]) {
         if let Some((cell, distance)) = found {
             let far = across * (side * (distance + STEP));
@@ -297,7 +291,7 @@ fn add_portal(model: &mut PortalModel, opening: &Opening) {
                 ceiling_y: top * UNIT_M,
             };
             let floor_y = model.cells[cell as usize].space[0].floor_y;
-            if (prism.floor_y - floor_y).abs() < AT_FLOOR_M {
+            if (prism.floor_y - floor_y).abs() < MAX_DOOR_SILL_M {
                 additions::threshold(&mut model.scene, outline, floor_y);
             }
             model.cells[cell as usize].space.push(prism);
@@ -323,12 +317,12 @@ fn add_portal(model: &mut PortalModel, opening: &Opening) {
 }
 
 /// Search for the rooms on both sides of an opening.
-struct Probe<'a> {
+struct RoomSearch<'a> {
     model: &'a PortalModel,
     opening: &'a Opening,
 }
 
-impl Probe<'_> {
+impl RoomSearch<'_> {
     /// Returns the room at a signed distance from the middle of the wall.
     fn room_at(&self, distance: f64) -> Option<u32> {
         let opening = self.opening;
@@ -339,15 +333,15 @@ impl Probe<'_> {
             .filter(|&cell| self.model.outside != Some(cell))
     }
 
-    /// Returns the first room on a side other than `but`, and its distance from the middle of the
-    /// wall.
-    fn first(&self, side: f64, but: Option<u32>) -> Option<(u32, f64)> {
+    /// Returns the nearest room on a side, other than `except`, and its distance from the middle of
+    /// the wall.
+    fn nearest_room(&self, side: f64, except: Option<u32>) -> Option<(u32, f64)> {
         let steps = ((self.opening.wall_thickness / 2.0 + REACH) / STEP) as usize;
         let mut distances = (1..=steps).map(|step| step as f64 * STEP);
         distances.find_map(|distance| {
             let room = self
                 .room_at(side * distance)
-                .filter(|&room| Some(room) != but)?;
+                .filter(|&room| Some(room) != except)?;
             Some((room, distance))
         })
     }
@@ -356,7 +350,7 @@ impl Probe<'_> {
     /// distances: the middle of the wall, or the end of a room that was drawn through the whole
     /// wall.
     fn middle_and_rooms(&self) -> (DVec2, [Option<(u32, f64)>; 2]) {
-        let rooms = [self.first(1.0, None), self.first(-1.0, None)];
+        let rooms = [1.0, -1.0].map(|side| self.nearest_room(side, None));
         let middle = self.opening.in_wall();
         let (Some((front, _)), Some((back, _))) = (rooms[0], rooms[1]) else {
             return (middle, rooms);
@@ -365,7 +359,7 @@ impl Probe<'_> {
             return (middle, rooms);
         }
         let beyond = |side: f64| {
-            self.first(side, Some(front))
+            self.nearest_room(side, Some(front))
                 .map(|(room, distance)| (room, distance, side))
         };
         let nearer = [beyond(1.0), beyond(-1.0)]
@@ -375,13 +369,12 @@ impl Probe<'_> {
         let Some((room, distance, side)) = nearer else {
             return (middle, rooms);
         };
-        let inside = |distance: &f64| self.room_at(side * distance) == Some(front);
         let end = (0..)
             .map(|step| f64::from(step) * STEP)
             .take_while(|d| *d < distance)
-            .filter(inside)
-            .last();
-        let end = end.unwrap_or(0.0);
+            .filter(|d| self.room_at(side * d) == Some(front))
+            .last()
+            .unwrap_or(0.0);
         let mut shifted = [Some((front, 0.0)), Some((room, distance - end))];
         if side > 0.0 {
             shifted.reverse();
@@ -404,7 +397,7 @@ impl DoorGroups {
     fn find(model: &PortalModel, home: &Home, groups: &[Group]) -> Self {
         /// Greatest distance of a door from its opening in the plan, metres.
         const NEAR: f64 = 0.5;
-        let mut found = Self {
+        let mut doors = Self {
             opening: vec![None; groups.len()],
             closes: vec![false; groups.len()],
         };
@@ -437,25 +430,23 @@ impl DoorGroups {
             let Some((opening, _)) = nearest.filter(|&(_, distance)| distance < NEAR) else {
                 continue;
             };
-            let it = &home.openings[opening];
-            let members_groups: Vec<&Group> = members.iter().map(|&group| &groups[group]).collect();
-            let portal = &model.portals[opening];
+            let member_groups: Vec<&Group> = members.iter().map(|&group| &groups[group]).collect();
             let closing = closing_groups(
                 &model.scene,
-                portal,
-                it.wall_thickness * UNIT_M,
-                &members_groups,
+                &model.portals[opening],
+                home.openings[opening].wall_thickness * UNIT_M,
+                &member_groups,
             );
             for (&group, closes) in members.iter().zip(closing) {
-                found.opening[group] = Some(opening);
-                found.closes[group] = closes;
+                doors.opening[group] = Some(opening);
+                doors.closes[group] = closes;
             }
         }
-        found
+        doors
     }
 }
 
-/// Returns the prefix of a name that all groups of a door or window have.
+/// Returns the common prefix of the groups of a door or window from the name of one.
 fn door_key(name: &str) -> Option<&str> {
     piece_key(name, "door_")
 }
@@ -471,7 +462,7 @@ fn piece_key<'a>(name: &'a str, prefix: &str) -> Option<&'a str> {
 }
 
 /// Returns the assignment of each group to cells.
-fn portions_of(
+fn assign_groups(
     model: &PortalModel,
     groups: &[Group],
     doors: &DoorGroups,
@@ -502,16 +493,13 @@ fn portions_of(
     portions
 }
 
+/// Returns the number of openings that some group closes.
 fn closed_openings(doors: &DoorGroups) -> usize {
-    let mut closed: Vec<usize> = doors
-        .opening
-        .iter()
-        .zip(&doors.closes)
+    let groups = doors.opening.iter().zip(&doors.closes);
+    groups
         .filter_map(|(&opening, &closes)| opening.filter(|_| closes))
-        .collect();
-    closed.sort_unstable();
-    closed.dedup();
-    closed.len()
+        .collect::<BTreeSet<usize>>()
+        .len()
 }
 
 /// Returns the bounding box of a group.

@@ -5,7 +5,7 @@ use super::assign::{Assignment, Portion};
 use crate::{Cell, Portal, PortalModel, Prism};
 use glam::{DVec2, DVec3};
 use headbox_core::file_frame::{FileFrame, UpAxis};
-use headbox_scene::load::{LoadError, LoadOptions, folder_of, load_grouped, read};
+use headbox_scene::load::{LoadError, LoadOptions, file_stem, folder_of, load_grouped, read};
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
 
@@ -75,15 +75,10 @@ fn parse(path: &Path) -> Result<FileModel, LoadError> {
         String::from_utf8(read(path)?).map_err(|_| malformed("it is not UTF-8 text".into()))?;
     toml::from_str(&text).map_err(|cause| match cause.span() {
         Some(span) => {
-            let line = text
-                .get(..span.start)
-                .unwrap_or_default()
-                .matches('\n')
-                .count()
-                + 1;
+            let before = text.get(..span.start).unwrap_or_default();
             LoadError::Line {
                 path: path.to_path_buf(),
-                line,
+                line: before.matches('\n').count() + 1,
                 cause: cause.message().replace('\n', ", "),
             }
         }
@@ -163,12 +158,7 @@ pub(super) fn load(path: &Path) -> Result<LoadedModel, LoadError> {
         portals,
         outside: Some(outside as u32),
     };
-    model.scene.name = file.name.unwrap_or_else(|| {
-        path.file_stem()
-            .unwrap_or_default()
-            .to_string_lossy()
-            .into_owned()
-    });
+    model.scene.name = file.name.unwrap_or_else(|| file_stem(path));
     let found = super::open_borders(&mut model);
     let claimed = |name: &str| {
         file.cell
