@@ -8,7 +8,7 @@
 //! occludes what is behind), never smaller.
 
 use super::polygon::Polygon;
-use super::{Finding, Portal, PortalModel, Prism};
+use super::{Finding, Portal, PortalModel, Prism, doubled_area};
 use glam::{DVec2, DVec3};
 use headbox_trace::bvh::{Ray, Tracer};
 use std::collections::VecDeque;
@@ -161,14 +161,8 @@ impl Border {
     /// Returns the sides of a prism; none if it has no area.
     fn of_prism(cell: u32, prism: &Prism) -> Vec<Self> {
         let outline = &prism.outline;
-        let pairs = || {
-            outline
-                .iter()
-                .copied()
-                .zip(outline.iter().copied().cycle().skip(1))
-        };
-        let area: f64 = pairs().map(|(a, b)| a.perp_dot(b)).sum();
-        let edge = |(a, b): (DVec2, DVec2)| {
+        let area = doubled_area(outline);
+        let edge = |(&a, &b): (&DVec2, &DVec2)| {
             let length = a.distance(b);
             let along = (b - a).try_normalize()?;
             let outward = -along.perp() * area.signum();
@@ -187,7 +181,8 @@ impl Border {
                 ceiling,
             })
         };
-        pairs().filter_map(edge).collect()
+        let next = outline.iter().cycle().skip(1);
+        outline.iter().zip(next).filter_map(edge).collect()
     }
 
     /// Returns the point `s` metres along the edge at height `y`, `out` metres beyond it.

@@ -1,7 +1,7 @@
 //! Overlapping surfaces in one plane: rounding decides which of them is visible, so that they
 //! flicker (z-fighting).
 
-use super::{Finding, PortalModel};
+use super::{Finding, PortalModel, doubled_area};
 use glam::{DVec2, DVec3};
 use std::collections::BTreeMap;
 
@@ -125,12 +125,8 @@ fn overlap(a: &[DVec2; 3], b: &[DVec2; 3]) -> (f64, DVec2) {
         }
         polygon = kept;
     }
-    let next = polygon.iter().cycle().skip(1);
-    let doubled: f64 = polygon.iter().zip(next).map(|(p, q)| p.perp_dot(*q)).sum();
-    (
-        doubled / 2.0,
-        polygon.iter().sum::<DVec2>() / polygon.len().max(1) as f64,
-    )
+    let mean = polygon.iter().sum::<DVec2>() / polygon.len().max(1) as f64;
+    (doubled_area(&polygon) / 2.0, mean)
 }
 
 #[cfg(test)]
@@ -138,7 +134,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn triangles_share_what_both_cover() {
+    fn overlap_is_common_area() {
         let at = |corners: [[f64; 2]; 3]| corners.map(DVec2::from);
         let whole = at([[0.0, 0.0], [2.0, 0.0], [0.0, 2.0]]);
         assert_eq!(overlap(&whole, &whole).0, 2.0);

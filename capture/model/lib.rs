@@ -70,6 +70,17 @@ pub struct Cell {
     pub triangles: Range<u32>,
 }
 
+impl Cell {
+    /// Creates a cell without triangles.
+    pub(crate) fn new(name: impl Into<String>, space: Vec<Prism>) -> Self {
+        Self {
+            name: name.into(),
+            space,
+            triangles: 0..0,
+        }
+    }
+}
+
 /// An opening between two cells.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Portal {
@@ -185,18 +196,9 @@ impl PortalModel {
     /// is metered there.
     pub(crate) fn suggest_headbox(&mut self) {
         const HALF_SIZE_M: f64 = 0.4;
-        let doubled_area = |prism: &&Prism| {
-            let next = prism.outline.iter().cycle().skip(1);
-            prism
-                .outline
-                .iter()
-                .zip(next)
-                .map(|(a, b)| a.perp_dot(*b))
-                .sum::<f64>()
-                .abs()
-        };
+        let area = |prism: &Prism| doubled_area(&prism.outline).abs();
         let rooms = self.cells.iter().flat_map(|cell| &cell.space);
-        let Some(largest) = rooms.max_by(|a, b| doubled_area(a).total_cmp(&doubled_area(b))) else {
+        let Some(largest) = rooms.max_by(|a, b| area(a).total_cmp(&area(b))) else {
             return;
         };
         let middle = largest.outline.iter().sum::<DVec2>() / largest.outline.len().max(1) as f64;
@@ -209,6 +211,12 @@ impl PortalModel {
             });
         }
     }
+}
+
+/// Returns twice the signed area of a closed outline.
+pub(crate) fn doubled_area(outline: &[DVec2]) -> f64 {
+    let next = outline.iter().cycle().skip(1);
+    outline.iter().zip(next).map(|(a, b)| a.perp_dot(*b)).sum()
 }
 
 /// Returns the distance in plan from a point to the nearest edge of a closed outline.

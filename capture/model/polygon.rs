@@ -121,6 +121,13 @@ impl<'a> Polygon<'a> {
     }
 }
 
+/// Returns the normal of a closed outline times twice its area (Newell).
+pub(super) fn area_normal(corners: &[DVec3]) -> DVec3 {
+    let next = corners.iter().cycle().skip(1);
+    let triangle = |(a, b): (&DVec3, &DVec3)| (*a - corners[0]).cross(*b - corners[0]);
+    corners.iter().zip(next).map(triangle).sum()
+}
+
 /// Returns true if two edges of a closed outline that are not adjacent cross in the projection
 /// along `normal`.
 pub(super) fn crosses_itself(corners: &[DVec3], normal: DVec3) -> bool {

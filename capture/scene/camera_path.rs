@@ -347,29 +347,17 @@ mod tests {
         assert!((cameras[0].focal_px() - 2.0 / 25f64.to_radians().tan()).abs() < 1e-9);
     }
 
-    /// A camera on an arm: the arm turns by 90 degrees about Y in 1 s, the camera stands 2 m before
+    /// A camera on an arm: the arm turns by 90 degrees about Y in 1 s, the camera is 2 m in front of
     /// it and moves up by 1 m.
     fn arm(interpolation: &str) -> String {
-        let floats = [
-            0.0f32,
-            1.0,
-            0.0,
-            0.0,
-            0.0,
-            1.0,
-            0.0,
-            0.5f32.sqrt(),
-            0.0,
-            0.5f32.sqrt(),
-            0.0,
-            0.0,
-            2.0,
-            0.0,
-            1.0,
-            2.0,
-        ];
-        let numbers: Vec<String> = floats
+        let half = 0.5f32.sqrt();
+        let times = [0.0f32, 1.0];
+        let rotations = [[0.0, 0.0, 0.0, 1.0], [0.0, half, 0.0, half]];
+        let translations = [[0.0, 0.0, 2.0], [0.0, 1.0, 2.0]];
+        let numbers: Vec<String> = times
             .iter()
+            .chain(rotations.as_flattened())
+            .chain(translations.as_flattened())
             .flat_map(|f| f.to_le_bytes())
             .map(|byte| format!("%{byte:02x}"))
             .collect();
@@ -428,7 +416,7 @@ mod tests {
     }
 
     #[test]
-    fn gltf_that_is_no_path_is_told() {
+    fn gltf_without_path_is_rejected() {
         let message = |text: &str| read_gltf(text, 30.0).err().unwrap().to_string();
         assert!(message(r#"{"asset": {"version": "2.0"}}"#).contains("no perspective camera"));
         assert!(
@@ -446,7 +434,7 @@ mod tests {
     }
 
     #[test]
-    fn errors_say_where() {
+    fn errors_name_file_and_pose() {
         let message = |text| read_text(text).err().unwrap().to_string();
         assert!(message("[").contains("line 1"));
         assert!(message("[]").contains("no poses"));

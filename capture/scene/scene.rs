@@ -22,6 +22,19 @@ pub struct Triangle {
     pub material: u32,
 }
 
+/// A vertex with its attributes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Vertex {
+    /// Position.
+    pub position: DVec3,
+    /// Unit normal, or zero if there is none.
+    pub normal: Vec3,
+    /// Texture coordinate, (0, 0) at the bottom left.
+    pub texcoord: Vec2,
+    /// Linear RGB that multiplies the albedo.
+    pub color: Vec3,
+}
+
 /// Problems that a loader worked around; empty for a clean file.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct LoadSummary {
@@ -220,6 +233,32 @@ impl Scene {
             }
         }
         Ok(())
+    }
+
+    /// Returns a vertex, with neutral values of the attributes that the scene does not have.
+    pub fn vertex(&self, index: u32) -> Vertex {
+        let index = index as usize;
+        Vertex {
+            position: self.positions[index],
+            normal: self.normals.get(index).copied().unwrap_or(Vec3::ZERO),
+            texcoord: self.texcoords.get(index).copied().unwrap_or(Vec2::ZERO),
+            color: self.colors.get(index).copied().unwrap_or(Vec3::ONE),
+        }
+    }
+
+    /// Adds a vertex, with the attributes that the scene has. Returns its index.
+    pub fn add_vertex(&mut self, vertex: Vertex) -> u32 {
+        self.positions.push(vertex.position);
+        if !self.normals.is_empty() {
+            self.normals.push(vertex.normal);
+        }
+        if !self.texcoords.is_empty() {
+            self.texcoords.push(vertex.texcoord);
+        }
+        if !self.colors.is_empty() {
+            self.colors.push(vertex.color);
+        }
+        self.positions.len() as u32 - 1
     }
 
     /// Bounding box of all triangles: lowest and highest corner, world metres. (+infinity,

@@ -5,7 +5,7 @@
 //! rasteriser snaps corners to its grid, so that single pixels along such an edge show the
 //! background. Such edges are split here (docs/decisions/0023).
 
-use crate::scene::{Scene, Triangle};
+use crate::scene::{Scene, Triangle, Vertex};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use std::collections::HashMap;
@@ -45,26 +45,19 @@ impl Scene {
     /// Adds a vertex at `position`, with attributes interpolated at `share` (0..1) of the way
     /// between two vertices. Returns its index.
     pub fn vertex_between(&mut self, ends: [u32; 2], position: DVec3, share: f32) -> u32 {
-        let [i, j] = ends.map(|vertex| vertex as usize);
-        self.positions.push(position);
-        if !self.normals.is_empty() {
-            let (a, b) = (self.normals[i], self.normals[j]);
-            // A missing normal cannot be interpolated.
-            let none = a == Vec3::ZERO || b == Vec3::ZERO;
-            self.normals.push(if none {
-                Vec3::ZERO
-            } else {
-                a.lerp(b, share).normalize_or_zero()
-            });
-        }
-        if !self.texcoords.is_empty() {
-            self.texcoords
-                .push(self.texcoords[i].lerp(self.texcoords[j], share));
-        }
-        if !self.colors.is_empty() {
-            self.colors.push(self.colors[i].lerp(self.colors[j], share));
-        }
-        self.positions.len() as u32 - 1
+        let [a, b] = ends.map(|end| self.vertex(end));
+        // A missing normal cannot be interpolated.
+        let normal = if a.normal == Vec3::ZERO || b.normal == Vec3::ZERO {
+            Vec3::ZERO
+        } else {
+            a.normal.lerp(b.normal, share).normalize_or_zero()
+        };
+        self.add_vertex(Vertex {
+            position,
+            normal,
+            texcoord: a.texcoord.lerp(b.texcoord, share),
+            color: a.color.lerp(b.color, share),
+        })
     }
 }
 
@@ -260,7 +253,7 @@ mod tests {
     use super::*;
     use crate::subdivide::subdivide;
 
-    /// Corners on somebody's edge, found by trying all against all.
+    /// Returns the number of corners inside an edge, by testing all pairs.
     fn t_junctions(scene: &Scene) -> usize {
         let corner = |vertex: u32| scene.positions[vertex as usize];
         let mut used: Vec<DVec3> = scene
@@ -291,7 +284,7 @@ mod tests {
         edges.map(on_an_edge).sum()
     }
 
-    /// A square of two triangles, a metre wide, beside two of half a metre.
+    /// A square of 1 m from two triangles, and three triangles next to it with a corner on its edge.
     fn one_beside_two() -> Scene {
         let positions = [
             [0.0, 0.0],
@@ -336,7 +329,7 @@ mod tests {
         assert_eq!(pieces, [0, 2, 3, 4, 5, 6]);
         assert_eq!(scene.triangles.len(), 6);
         assert!((area(&scene) - 2.0).abs() < 1e-12, "{}", area(&scene));
-        // The square's own vertex there, with the square's texture.
+        // The new vertex has the interpolated texture coordinate of the square.
         let new = scene.positions.len() - 1;
         assert_eq!(scene.positions[new], DVec3::new(1.0, 0.4, 0.0));
         assert!((scene.texcoords[new] - glam::Vec2::new(1.0, 0.4)).length() < 1e-6);
@@ -360,17 +353,17 @@ mod tests {
         assert_eq!(stitched.len(), before + 1);
         assert_eq!(*stitched.last().unwrap() as usize, scene.triangles.len());
         assert!(scene.positions.len() > vertices);
-        // Once is enough.
+        // A second pass finds no T-junction.
         let triangles = scene.triangles.clone();
         scene.stitch();
         assert_eq!(scene.triangles, triangles);
     }
 
     #[test]
-    fn needles_landscapes_and_what_is_no_number_end() {
+    fn stitch_of_extreme_triangles_terminates() {
         let mut scene = one_beside_two();
-        // A needle thinner than the tolerance, with the corner of another on it; an edge of a
-        // thousand kilometres; no number.
+        // A sliver thinner than the tolerance with a corner of another triangle on it, an edge of
+        // 1000 km, and NaN.
         let far = [
             [0.0, 0.0, 0.0],
             [1e6, 0.0, 0.0],

@@ -52,7 +52,7 @@ pub(super) fn separate_creases(scene: &mut Scene) -> Corners {
                 vertex = match next[vertex as usize] {
                     Some(other) => other,
                     None => {
-                        let copy = duplicate(scene, vertex as usize);
+                        let copy = scene.add_vertex(scene.vertex(vertex));
                         next[vertex as usize] = Some(copy);
                         next.push(None);
                         normals.push(Vec3::ZERO);
@@ -69,21 +69,6 @@ pub(super) fn separate_creases(scene: &mut Scene) -> Corners {
         first,
         around,
     }
-}
-
-/// Adds a copy of a vertex.
-fn duplicate(scene: &mut Scene, vertex: usize) -> u32 {
-    scene.positions.push(scene.positions[vertex]);
-    if let Some(&normal) = scene.normals.get(vertex) {
-        scene.normals.push(normal);
-    }
-    if let Some(&texcoord) = scene.texcoords.get(vertex) {
-        scene.texcoords.push(texcoord);
-    }
-    if let Some(&color) = scene.colors.get(vertex) {
-        scene.colors.push(color);
-    }
-    scene.positions.len() as u32 - 1
 }
 
 /// Sorts triangles by vertex (counting sort): returns the start of each vertex's entries and the

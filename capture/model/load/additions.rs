@@ -4,10 +4,11 @@
 //! may be missing, through which the bright ground outside is visible. A threshold below hides it.
 //! Rooms whose ceilings were switched off get them back.
 
+use crate::polygon::area_normal;
 use glam::{DVec2, DVec3, Vec2, Vec3};
 use headbox_scene::load::polygon::triangulate;
 use headbox_scene::material::Material;
-use headbox_scene::scene::{Scene, Triangle};
+use headbox_scene::scene::{Scene, Triangle, Vertex};
 
 /// Distance of thresholds below the floors, metres: a depth buffer resolves it across a room.
 const BELOW_M: f64 = 0.002;
@@ -37,25 +38,17 @@ fn add(scene: &mut Scene, name: &str, corners: &[DVec3], normal: Vec3) {
             scene.materials.len() - 1
         });
     let first = scene.positions.len() as u32;
-    scene.positions.extend(corners);
-    let count = scene.positions.len();
-    if !scene.normals.is_empty() {
-        scene.normals.resize(count, normal);
+    for &position in corners {
+        scene.add_vertex(Vertex {
+            position,
+            normal,
+            texcoord: Vec2::ZERO,
+            color: Vec3::ONE,
+        });
     }
-    if !scene.texcoords.is_empty() {
-        scene.texcoords.resize(count, Vec2::ZERO);
-    }
-    if !scene.colors.is_empty() {
-        scene.colors.resize(count, Vec3::ONE);
-    }
-    let next = corners.iter().cycle().skip(1);
-    let turn: DVec3 = corners
-        .iter()
-        .zip(next)
-        .map(|(a, b)| (*a - corners[0]).cross(*b - corners[0]))
-        .sum();
+    let is_reversed = area_normal(corners).dot(normal.as_dvec3()) < 0.0;
     for mut triangle in triangulate(corners) {
-        if turn.dot(normal.as_dvec3()) < 0.0 {
+        if is_reversed {
             triangle.reverse();
         }
         let vertices = triangle.map(|corner| first + corner as u32);

@@ -2,9 +2,9 @@
 
 use super::split::{Corner, split_by_plane};
 use crate::{PortalModel, Prism, distance_to_outline};
-use glam::{DVec2, DVec3, Vec2, Vec3};
+use glam::{DVec2, DVec3};
 use headbox_scene::load::Group;
-use headbox_scene::scene::{Scene, Triangle};
+use headbox_scene::scene::{Scene, Triangle, Vertex};
 use std::collections::HashMap;
 
 /// Assignment of a group of triangles to cells.
@@ -137,13 +137,16 @@ fn split_by_faced_cell(
     let corners = triangle
         .vertices
         .map(|vertex| Corner::from_vertex(scene, vertex));
-    let [a, b, c] = corners.map(|corner| corner.position);
+    let [a, b, c] = corners.map(|corner| corner.vertex.position);
     let Some(normal) = (b - a).cross(c - a).try_normalize() else {
         return vec![(model.outside, triangle)];
     };
     let faced_cell = |polygon: &[Corner]| {
-        let middle =
-            polygon.iter().map(|corner| corner.position).sum::<DVec3>() / polygon.len() as f64;
+        let middle = polygon
+            .iter()
+            .map(|corner| corner.vertex.position)
+            .sum::<DVec3>()
+            / polygon.len() as f64;
         let before = middle + normal * BEFORE_M;
         let inside = model.cell_at(before);
         if inside == model.outside {
@@ -183,7 +186,11 @@ fn split_by_faced_cell(
 
 /// Cuts a polygon in front of one room, in plan, at the heights of its floors and ceilings.
 fn split_by_storeys(model: &PortalModel, piece: Vec<Corner>, normal: DVec3) -> Vec<Vec<Corner>> {
-    let middle = piece.iter().map(|corner| corner.position).sum::<DVec3>() / piece.len() as f64
+    let middle = piece
+        .iter()
+        .map(|corner| corner.vertex.position)
+        .sum::<DVec3>()
+        / piece.len() as f64
         + normal * BEFORE_M;
     let place = DVec2::new(middle.x, middle.z);
     let is_before = |prism: &&Prism| {
@@ -235,33 +242,21 @@ fn borders_near(model: &PortalModel, triangle: [DVec3; 3], normal: DVec3) -> Vec
 }
 
 impl Corner {
-    fn from_vertex(scene: &Scene, vertex: u32) -> Self {
-        let at = vertex as usize;
+    fn from_vertex(scene: &Scene, index: u32) -> Self {
         Self {
-            position: scene.positions[at],
-            normal: scene.normals.get(at).copied().unwrap_or(Vec3::ZERO),
-            texcoord: scene.texcoords.get(at).copied().unwrap_or(Vec2::ZERO),
-            color: scene.colors.get(at).copied().unwrap_or(Vec3::ONE),
-            vertex: Some(vertex),
+            vertex: scene.vertex(index),
+            index: Some(index),
         }
     }
 
-    /// Returns the vertex of a corner, or a new one at the end of a cut.
+    /// Returns the index of the corner's vertex, which is added if it is new.
     fn vertex_in(&self, scene: &mut Scene) -> u32 {
-        if let Some(vertex) = self.vertex {
-            return vertex;
-        }
-        scene.positions.push(self.position);
-        if !scene.normals.is_empty() {
-            scene.normals.push(self.normal.normalize_or_zero());
-        }
-        if !scene.texcoords.is_empty() {
-            scene.texcoords.push(self.texcoord);
-        }
-        if !scene.colors.is_empty() {
-            scene.colors.push(self.color);
-        }
-        scene.positions.len() as u32 - 1
+        self.index.unwrap_or_else(|| {
+            scene.add_vertex(Vertex {
+                normal: self.vertex.normal.normalize_or_zero(),
+                ..self.vertex
+            })
+        })
     }
 }
 
@@ -284,18 +279,7 @@ mod tests {
             floor_y: 0.0,
             ceiling_y: 2.5,
         }];
-        let cells = vec![
-            Cell {
-                name: "room".into(),
-                space,
-                triangles: 0..0,
-            },
-            Cell {
-                name: "outside".into(),
-                space: Vec::new(),
-                triangles: 0..0,
-            },
-        ];
+        let cells = vec![Cell::new("room", space), Cell::new("outside", Vec::new())];
         // Facing +Z at z = 0, -Z at z = -0.1, and +Z again.
         let wall = |from: f64, to: f64, z: f64| {
             [dvec3(from, 0.0, z), dvec3(to, 0.0, z), dvec3(to, 2.0, z)]

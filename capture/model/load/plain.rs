@@ -9,6 +9,7 @@
 use super::archive::{Archive, Corner, FaceGroup, Model};
 use super::finish::{Finish, Repeated};
 use super::home::{FurniturePiece, Home, Opening, Room, Wall};
+use crate::polygon::area_normal;
 use glam::{Affine2, DMat3, DVec2, DVec3};
 use headbox_scene::load::mtl::{Map, MtlMaterial};
 use headbox_scene::load::obj::EmbeddedImages;
@@ -179,15 +180,9 @@ impl<'a> PlainHome<'a> {
                 .map(|&corner| self.texcoord(picture.texcoord(place(corner))))
                 .collect()
         });
-        let next = corners.iter().cycle().skip(1);
-        let doubled_area: DVec3 = corners
-            .iter()
-            .zip(next)
-            .map(|(a, b)| (*a - corners[0]).cross(*b - corners[0]))
-            .sum();
         let corner = |i: usize| (first + i, texcoords.as_ref().map(|texcoords| texcoords[i]));
         let numbers = 0..corners.len();
-        if doubled_area.dot(normal) < 0.0 {
+        if area_normal(corners).dot(normal) < 0.0 {
             self.face(numbers.rev().map(corner));
         } else {
             self.face(numbers.map(corner));
@@ -503,7 +498,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn gaps_leave_what_is_below_above_and_between() {
+    fn solid_parts_exclude_gaps() {
         let parts = |gaps: &[[f64; 2]]| solid_parts([0.0, 9.0], gaps.iter().copied());
         assert_eq!(parts(&[]), [[0.0, 9.0]]);
         assert_eq!(parts(&[[0.0, 2.0]]), [[2.0, 9.0]]);

@@ -1,16 +1,14 @@
 //! Cuts of polygons by planes.
 
-use glam::{DVec3, Vec2, Vec3};
+use glam::DVec3;
+use headbox_scene::scene::Vertex;
 
-/// A corner of a polygon with its vertex attributes.
+/// A corner of a polygon.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Corner {
-    pub(super) position: DVec3,
-    pub(super) normal: Vec3,
-    pub(super) texcoord: Vec2,
-    pub(super) color: Vec3,
-    /// Its vertex, unless it is new.
-    pub(super) vertex: Option<u32>,
+    pub(super) vertex: Vertex,
+    /// Index of the vertex in the scene, unless it is new.
+    pub(super) index: Option<u32>,
 }
 
 /// Distance from the plane within which a corner is on it, metres: cuts must not leave slivers.
@@ -19,13 +17,17 @@ const ON_PLANE_M: f64 = 1e-4;
 impl Corner {
     /// Interpolates on the edge to `other`, at `t` (0 to 1) of the way.
     fn toward(&self, other: &Self, t: f64) -> Self {
+        let (a, b) = (self.vertex, other.vertex);
         let s = t as f32;
+        let vertex = Vertex {
+            position: a.position.lerp(b.position, t),
+            normal: a.normal.lerp(b.normal, s),
+            texcoord: a.texcoord.lerp(b.texcoord, s),
+            color: a.color.lerp(b.color, s),
+        };
         Self {
-            position: self.position.lerp(other.position, t),
-            normal: self.normal.lerp(other.normal, s),
-            texcoord: self.texcoord.lerp(other.texcoord, s),
-            color: self.color.lerp(other.color, s),
-            vertex: None,
+            vertex,
+            index: None,
         }
     }
 }
@@ -36,7 +38,7 @@ pub(super) fn split_by_plane(polygon: Vec<Corner>, from: DVec3, across: DVec3) -
     let Some(across) = across.try_normalize() else {
         return vec![polygon];
     };
-    let distance = |corner: &Corner| (corner.position - from).dot(across);
+    let distance = |corner: &Corner| (corner.vertex.position - from).dot(across);
     let distances: Vec<f64> = polygon.iter().map(distance).collect();
     let lies_beyond = |sign: f64| distances.iter().any(|d| d * sign > ON_PLANE_M);
     if !(lies_beyond(1.0) && lies_beyond(-1.0)) {
@@ -68,7 +70,7 @@ pub(super) fn split_by_plane(polygon: Vec<Corner>, from: DVec3, across: DVec3) -
 /// Intersects an edge with the plane. The result has the same bits from either end, so that
 /// adjacent triangles meet.
 fn cut_edge((a, at_a): (&Corner, f64), (b, at_b): (&Corner, f64)) -> Corner {
-    if a.position.to_array() <= b.position.to_array() {
+    if a.vertex.position.to_array() <= b.vertex.position.to_array() {
         a.toward(b, at_a / (at_a - at_b))
     } else {
         b.toward(a, at_b / (at_b - at_a))

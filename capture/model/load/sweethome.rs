@@ -37,10 +37,7 @@ const MAX_XML_BYTES: u64 = 1 << 28;
 
 /// Parses the home in a file: an archive, or a plan alone.
 fn parse(path: &Path, bytes: &[u8]) -> Result<Home, LoadError> {
-    let malformed = |cause: String| LoadError::Malformed {
-        path: path.to_path_buf(),
-        cause,
-    };
+    let malformed = |cause: String| LoadError::malformed(path, cause);
     let unpacked = if bytes.starts_with(b"PK") {
         Some(unpack(bytes).map_err(malformed)?)
     } else {
@@ -61,10 +58,6 @@ fn parse(path: &Path, bytes: &[u8]) -> Result<Home, LoadError> {
 }
 
 pub(super) fn load(path: &Path, options: &ModelOptions) -> Result<LoadedModel, LoadError> {
-    let malformed = |cause: String| LoadError::Malformed {
-        path: path.to_path_buf(),
-        cause,
-    };
     let bytes = read(path)?;
     let is_archive = bytes.starts_with(b"PK");
     let mut home = parse(path, &bytes)?;
@@ -89,7 +82,7 @@ pub(super) fn load(path: &Path, options: &ModelOptions) -> Result<LoadedModel, L
         )?,
         Ok(None) => build_from_plan(path, &home, &bytes, &mut notes)?,
         Err(_) if is_archive => build_from_plan(path, &home, &bytes, &mut notes)?,
-        Err(cause) => return Err(malformed(cause)),
+        Err(cause) => return Err(LoadError::malformed(path, cause)),
     };
 
     let mut scene = grouped.scene;
@@ -106,11 +99,7 @@ pub(super) fn load(path: &Path, options: &ModelOptions) -> Result<LoadedModel, L
     scene.sky = Some(sky(&home));
     let mut cells = room_cells(&home, &mut notes);
     let outside = cells.len() as u32;
-    cells.push(Cell {
-        name: "Outside".into(),
-        space: Vec::new(),
-        triangles: 0..0,
-    });
+    cells.push(Cell::new("Outside", Vec::new()));
     let mut model = PortalModel {
         scene,
         cells,
@@ -252,11 +241,7 @@ fn room_cells(home: &Home, notes: &mut Vec<String>) -> Vec<Cell> {
             floor_y: room.floor * UNIT_M,
             ceiling_y: room.ceiling() * UNIT_M,
         };
-        Some(Cell {
-            name: room_name(index, room),
-            space: vec![prism],
-            triangles: 0..0,
-        })
+        Some(Cell::new(room_name(index, room), vec![prism]))
     };
     home.rooms.iter().enumerate().filter_map(cell).collect()
 }

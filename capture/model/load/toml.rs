@@ -67,12 +67,8 @@ struct FilePortal {
 
 /// Parses a file.
 fn parse(path: &Path) -> Result<FileModel, LoadError> {
-    let malformed = |cause: String| LoadError::Malformed {
-        path: path.to_path_buf(),
-        cause,
-    };
-    let text =
-        String::from_utf8(read(path)?).map_err(|_| malformed("it is not UTF-8 text".into()))?;
+    let text = String::from_utf8(read(path)?)
+        .map_err(|_| LoadError::malformed(path, "it is not UTF-8 text"))?;
     toml::from_str(&text).map_err(|cause| match cause.span() {
         Some(span) => {
             let before = text.get(..span.start).unwrap_or_default();
@@ -82,15 +78,11 @@ fn parse(path: &Path) -> Result<FileModel, LoadError> {
                 cause: cause.message().replace('\n', ", "),
             }
         }
-        None => malformed(cause.message().replace('\n', ", ")),
+        None => LoadError::malformed(path, cause.message().replace('\n', ", ")),
     })
 }
 
 pub(super) fn load(path: &Path) -> Result<LoadedModel, LoadError> {
-    let malformed = |cause: String| LoadError::Malformed {
-        path: path.to_path_buf(),
-        cause,
-    };
     let file = parse(path)?;
     let up = if matches!(file.up, Up::Z) {
         UpAxis::Z
@@ -105,14 +97,14 @@ pub(super) fn load(path: &Path) -> Result<LoadedModel, LoadError> {
     let frame = grouped.scene.frame;
 
     if file.cell.iter().filter(|cell| cell.outside).count() > 1 {
-        return Err(malformed(
-            "several cells are the outside; at most one may be".into(),
+        return Err(LoadError::malformed(
+            path,
+            "several cells are the outside; at most one may be",
         ));
     }
     if let Some(twice) = repeated_name(&file.cell) {
-        return Err(malformed(format!(
-            "two cells are called \"{twice}\"; portals need unique names"
-        )));
+        let cause = format!("two cells are called \"{twice}\"; portals need unique names");
+        return Err(LoadError::malformed(path, cause));
     }
     let mut cells: Vec<Cell> = file
         .cell
@@ -124,11 +116,7 @@ pub(super) fn load(path: &Path) -> Result<LoadedModel, LoadError> {
         .iter()
         .position(|cell| cell.outside)
         .unwrap_or_else(|| {
-            cells.push(Cell {
-                name: "Outside".into(),
-                space: Vec::new(),
-                triangles: 0..0,
-            });
+            cells.push(Cell::new("Outside", Vec::new()));
             cells.len() - 1
         });
     // An unknown name becomes an index after the last cell, which validation reports.
@@ -228,11 +216,7 @@ fn convert_cell(cell: &FileCell, frame: &FileFrame) -> Cell {
         floor_y: prism.floor * frame.unit_m,
         ceiling_y: prism.ceiling * frame.unit_m,
     };
-    Cell {
-        name: cell.name.clone(),
-        space: cell.prism.iter().map(prism).collect(),
-        triangles: 0..0,
-    }
+    Cell::new(&cell.name, cell.prism.iter().map(prism).collect())
 }
 
 /// Returns true if a name matches a pattern in which `*` stands for any text.

@@ -6,7 +6,7 @@ use super::notes::{Note, Notes};
 use super::orientation::FrameHints;
 use super::{LoadError, file_stem};
 use crate::material::{Material, Texture};
-use crate::scene::{Scene, Triangle};
+use crate::scene::{Scene, Triangle, Vertex};
 use glam::{DVec3, Vec2, Vec3};
 use headbox_core::file_frame::FileFrame;
 use headbox_core::headbox::Headbox;
@@ -18,17 +18,6 @@ use std::path::Path;
 /// coincide or are collinear except for rounding: `f64` positions are precise to 1e-16 of their
 /// size, and files have 6 to 9 digits, so that intended triangles are far above.
 const DEGENERATE_SHARE: f64 = 1e-12;
-
-/// A vertex in the file's axes and unit.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Vertex {
-    pub(super) position: DVec3,
-    /// Zero if the file has none.
-    pub(super) normal: Vec3,
-    pub(super) texcoord: Vec2,
-    /// Linear RGB.
-    pub(super) color: Vec3,
-}
 
 /// A scene under construction.
 #[derive(Debug, Default)]
@@ -104,8 +93,8 @@ impl Builder {
             .and(u32::try_from(first).ok())
     }
 
-    /// Adds a vertex. Attributes that are not finite become neutral, except the position, which
-    /// [`Self::push_triangle`] checks.
+    /// Adds a vertex in the file's axes and unit. Attributes that are not finite become neutral,
+    /// except the position, which [`Self::push_triangle`] checks.
     pub(super) fn push_vertex(&mut self, vertex: Vertex) {
         let normal = self
             .frame

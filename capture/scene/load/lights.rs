@@ -19,12 +19,10 @@ impl FileLights {
     /// relative to its default.
     pub(super) fn with_defaults(mut self, notes: &mut Notes) -> Self {
         let default = Sun::default();
+        self.sky = Some(Sky::default());
         if self.lamps.is_empty() {
-            return Self {
-                sun: Some(default),
-                sky: Some(Sky::default()),
-                lamps: self.lamps,
-            };
+            self.sun = Some(default);
+            return self;
         }
         let count = self.lamps.len();
         let lights = if count == 1 {
@@ -39,30 +37,19 @@ impl FileLights {
             Reach::Distant { direction } => Some((direction, luminance(lamp.intensity))),
             Reach::Point { .. } | Reach::Spot { .. } => None,
         };
-        let strength = |at: &usize| distant(&self.lamps[*at]).map_or(-1.0, |(_, level)| level);
         let strongest = (0..count)
-            .rev()
-            .max_by(|a, b| strength(a).total_cmp(&strength(b)));
-        let Some((at, (direction, level))) =
-            strongest.and_then(|at| Some((at, distant(&self.lamps[at])?)))
-        else {
-            return Self {
-                sun: None,
-                sky: Some(Sky::default()),
-                lamps: self.lamps,
-            };
-        };
-        let irradiance = self.lamps.remove(at).intensity;
-        let sky = Sky::default().times(level / luminance(default.irradiance));
-        Self {
-            sun: Some(Sun {
+            .rev() // the first of equals
+            .filter_map(|index| Some((index, distant(&self.lamps[index])?)))
+            .max_by(|(_, (_, a)), (_, (_, b))| a.total_cmp(b));
+        if let Some((index, (direction, level))) = strongest {
+            self.sky = Some(Sky::default().times(level / luminance(default.irradiance)));
+            self.sun = Some(Sun {
                 direction,
-                irradiance,
+                irradiance: self.lamps.remove(index).intensity,
                 ..default
-            }),
-            sky: Some(sky),
-            lamps: self.lamps,
+            });
         }
+        self
     }
 
     /// Adds a lamp unless it is black. Returns false if its numbers are invalid.

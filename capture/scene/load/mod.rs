@@ -111,6 +111,16 @@ pub enum LoadError {
     },
 }
 
+impl LoadError {
+    /// Creates a [`Self::Malformed`] error.
+    pub fn malformed(path: &Path, cause: impl Into<String>) -> Self {
+        Self::Malformed {
+            path: path.to_path_buf(),
+            cause: cause.into(),
+        }
+    }
+}
+
 fn in_brackets(notes: &[String]) -> String {
     if notes.is_empty() {
         String::new()

@@ -14,7 +14,7 @@
 //! * Triangles with an opacity (`d`, `Tr`) below one half and no map of it are left out, because
 //!   diffuse scenes have no clear glass; others are opaque.
 
-use super::builder::{Builder, GroupedScene, Vertex};
+use super::builder::{Builder, GroupedScene};
 use super::lines::decode;
 use super::mtl::{Map, MtlMaterial};
 use super::notes::{Note, Notes};
@@ -25,6 +25,7 @@ use super::textures::{DecodedTextures, Handle, Role, TextureTable, find_file};
 use super::{LoadError, LoadOptions, folder_of};
 use crate::load::mtl;
 use crate::material::{Cutout, Material};
+use crate::scene::Vertex;
 use glam::{Affine2, DVec3, Vec2, Vec3};
 use headbox_core::color::linear_from_srgb;
 use headbox_core::file_frame::FileFrame;
@@ -90,11 +91,8 @@ fn build(
     mut builder: Builder,
     groups: bool,
 ) -> Result<GroupedScene, LoadError> {
-    let malformed = |cause: String| LoadError::Malformed {
-        path: path.to_path_buf(),
-        cause,
-    };
-    let models = parse(&obj.text, materials).map_err(|cause| malformed(cause.to_string()))?;
+    let models = parse(&obj.text, materials)
+        .map_err(|cause| LoadError::malformed(path, cause.to_string()))?;
     let notes = &mut builder.notes;
     notes.merge(obj.notes);
     let is_undefined = |name: &&String| materials.iter().all(|m| m.name != **name);
@@ -109,7 +107,9 @@ fn build(
         }
         surfaces
             .push_mesh(&model.mesh, &mut builder)
-            .map_err(|TooManyVertices| malformed("it has more than 2^32 vertices".into()))?;
+            .map_err(|TooManyVertices| {
+                LoadError::malformed(path, "it has more than 2^32 vertices")
+            })?;
     }
     builder.finish(path, surfaces.materials, surfaces.textures.textures)
 }

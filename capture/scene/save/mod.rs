@@ -114,8 +114,8 @@ mod tests {
     use crate::scene::Triangle;
     use glam::{DVec3, Vec2, Vec3, dvec3};
 
-    /// Two materials with textures, one of them with holes from another texture, light brighter
-    /// than white, vertex colours, far from the origin.
+    /// Two materials with textures, one of them with a cut-out from another texture; emission above
+    /// 1; vertex colours; far from the origin.
     fn scene() -> Scene {
         let at = dvec3(1e6, -3.25, 17.0);
         let corner = |i: u32| at + dvec3(f64::from(i % 3), f64::from(i / 3), 0.1 * f64::from(i));
@@ -169,12 +169,11 @@ mod tests {
         }
     }
 
-    /// Corners, and of the middle colour, light, normal, and whether it is there.
+    /// Corners of a triangle; albedo, emission, normal and opacity at an inner point.
     type TriangleAttributes = ([DVec3; 3], [f32; 3], [f32; 3], Vec3, bool);
 
-    /// Appearance of each triangle, by material: corners, and at its middle colour, light, normal,
-    /// and whether it is there.
-    fn shown(scene: &Scene) -> Vec<TriangleAttributes> {
+    /// Returns the appearance of each triangle, sorted by material.
+    fn appearance(scene: &Scene) -> Vec<TriangleAttributes> {
         let mut order: Vec<u32> = (0..scene.triangles.len() as u32).collect();
         order.sort_by_key(|&i| scene.triangles[i as usize].material);
         order
@@ -195,7 +194,7 @@ mod tests {
     #[test]
     fn saved_scene_round_trips() {
         let (scene, folder) = (scene(), tempfile::tempdir().expect("a folder"));
-        let expected = shown(&scene);
+        let expected = appearance(&scene);
         for (name, count, off_m) in [("far.obj", 5, 0.0), ("far.glb", 1, 1e-6)] {
             let path = folder.path().join(name);
             let files = scene_files(&scene, &path).expect("saved");
@@ -205,7 +204,7 @@ mod tests {
                 .for_each(|file| std::fs::write(&file.path, &file.bytes).expect("written"));
             let read = load(&path, &LoadOptions::default()).expect("read back");
             assert_eq!(read.summary.notes, Vec::<String>::new(), "{name}");
-            let found = shown(&read);
+            let found = appearance(&read);
             assert_eq!(found.len(), expected.len(), "{name}");
             for (a, b) in found.iter().zip(&expected) {
                 assert!(

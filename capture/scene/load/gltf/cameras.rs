@@ -30,10 +30,7 @@ const MAX_FRAMES: f64 = 1e6;
 /// Reads the path of the first animated camera: `fps` frames a second from the first key to the
 /// last. Without one, reads all perspective cameras in the order of nodes.
 pub(crate) fn read(path: &Path, bytes: &[u8], fps: f64) -> Result<Vec<GltfCamera>, LoadError> {
-    let malformed = |cause: String| LoadError::Malformed {
-        path: path.to_path_buf(),
-        cause,
-    };
+    let malformed = |cause: String| LoadError::malformed(path, cause);
     let (root, transforms, blob) = parse(path, bytes)?;
     let mut notes = Notes::default();
     let buffers = Buffers::read(&root, blob, folder_of(path), &mut notes);

@@ -171,27 +171,19 @@ fn request_texture(
         "image {index}{}{name}",
         if name.is_empty() { "" } else { " " }
     );
-    match (image.buffer_view, image.uri.as_deref().map(uri::resolve)) {
-        (Some(view), _) => {
-            let bytes = buffers.view(view).map(|(bytes, _)| bytes);
-            set.embedded(
-                &name,
-                bytes.ok_or_else(|| "its bytes are missing".into()),
-                Role::Color,
-            )
-        }
-        (None, Some(UriTarget::Data(bytes))) => {
-            set.embedded(&name, bytes.as_deref().map_err(Clone::clone), Role::Color)
-        }
+    let target = image.uri.as_deref().map(uri::resolve);
+    let bytes = match (image.buffer_view, &target) {
+        (Some(view), _) => match buffers.view(view) {
+            Some((bytes, _)) => Ok(bytes),
+            None => Err("its bytes are missing".into()),
+        },
+        (None, Some(UriTarget::Data(bytes))) => bytes.as_deref().map_err(Clone::clone),
         (None, Some(UriTarget::File(file))) => {
-            set.file(&file, &[folder_of(path)], Role::Color, notes)
+            return set.file(file, &[folder_of(path)], Role::Color, notes);
         }
-        (None, None) => set.embedded(
-            &name,
-            Err("it has neither bytes nor a name".into()),
-            Role::Color,
-        ),
-    }
+        (None, None) => Err("it has neither bytes nor a name".into()),
+    };
+    set.embedded(&name, bytes, Role::Color)
 }
 
 /// Converts a material; `None` if it is transparent.

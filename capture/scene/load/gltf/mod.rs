@@ -92,22 +92,14 @@ pub(super) fn load(
         if required.starts_with(MATERIAL_EXTENSIONS) {
             notes.add_named(Note::UnknownExtension, required);
         } else if !KNOWN_EXTENSIONS.contains(&required.as_str()) {
-            let cause = unsupported_message(required);
-            return Err(LoadError::Malformed {
-                path: path.to_path_buf(),
-                cause,
-            });
+            return Err(LoadError::malformed(path, unsupported_message(required)));
         }
     }
     let buffers = Buffers::read(&root, blob, folder_of(path), &mut notes);
     let surfaces = GltfMaterials::read(&root, &raw, &buffers, path, &mut notes);
     let mut builder = Builder::new(frame, notes);
-    push_nodes(&root, &raw, &buffers, &surfaces, &mut builder, groups).map_err(
-        |TooManyVertices| LoadError::Malformed {
-            path: path.to_path_buf(),
-            cause: "it has more than 2^32 vertices".into(),
-        },
-    )?;
+    push_nodes(&root, &raw, &buffers, &surfaces, &mut builder, groups)
+        .map_err(|TooManyVertices| LoadError::malformed(path, "it has more than 2^32 vertices"))?;
     if options.up.is_none() || options.unit_m.is_none() {
         builder.report_doubts(&FrameHints {
             options: *options,
@@ -125,10 +117,7 @@ fn glb_length(bytes: &[u8]) -> Option<usize> {
 
 /// Parses the JSON twice (see [`raw_json`]); also returns the binary chunk of a GLB.
 fn parse(path: &Path, bytes: &[u8]) -> Result<(Root, RawJson, Option<Vec<u8>>), LoadError> {
-    let malformed = |cause: String| LoadError::Malformed {
-        path: path.to_path_buf(),
-        cause,
-    };
+    let malformed = |cause: String| LoadError::malformed(path, cause);
     if !bytes.starts_with(b"glTF") {
         let text = bytes
             .strip_prefix(b"\xef\xbb\xbf")

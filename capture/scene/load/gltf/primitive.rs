@@ -1,12 +1,13 @@
 //! Triangles of a primitive.
 
-use super::super::builder::{Builder, Vertex};
+use super::super::builder::Builder;
 use super::super::notes::Note;
 use super::TooManyVertices;
 use super::accessor::Buffers;
 use super::attributes::{Attributes, cofactors};
 use super::material::GltfMaterial;
 use super::pose::Pose;
+use crate::scene::Vertex;
 use ::gltf::json::mesh::{Mode, Primitive};
 use ::gltf::json::validation::Checked;
 use glam::{DAffine3, DVec3, Vec2, Vec3};
