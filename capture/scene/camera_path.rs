@@ -272,18 +272,16 @@ pub fn read(path: &Path, frame: &FileFrame, fps: f64) -> Result<Vec<Camera>, Pat
 mod tests {
     use super::*;
 
+    const FRAME: FileFrame = FileFrame {
+        up: UpAxis::Z,
+        unit_m: 0.01,
+    };
+
     fn read_text(text: &str) -> Result<Vec<Camera>, PathError> {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("path.json");
         std::fs::write(&path, text).unwrap();
-        read(
-            &path,
-            &FileFrame {
-                up: UpAxis::Z,
-                unit_m: 0.01,
-            },
-            30.0,
-        )
+        read(&path, &FRAME, 30.0)
     }
 
     #[test]
@@ -308,14 +306,10 @@ mod tests {
 
     #[test]
     fn saved_camera_is_path_of_one_pose() {
-        let frame = FileFrame {
-            up: UpAxis::Z,
-            unit_m: 0.01,
-        };
         let (eye, forward) = (DVec3::new(1.0, 2.0, 3.0), DVec3::new(0.6, 0.0, -0.8));
         let record = CameraRecord {
             size: Some([8, 4]),
-            ..CameraRecord::new(eye, forward, DVec3::Y, 55.0, &frame)
+            ..CameraRecord::new(eye, forward, DVec3::Y, 55.0, &FRAME)
         };
         assert_eq!(
             (record.eye, record.up),

@@ -342,14 +342,19 @@ mod tests {
         }
     }
 
+    /// Returns the four rays of a stratum.
+    fn stratum_packet(cell: &DirectionCell, position_cell: u32) -> RayPacket {
+        let mut packet = RayPacket::EMPTY;
+        cell.fill_packet(&[0, 1, 2, 3].map(|ray| (position_cell, ray)), &mut packet);
+        packet
+    }
+
     #[test]
     fn rays_start_in_stratum_and_leave_cube() {
         for cell in [0, 13, 36, 63] {
-            let job = face_cell(cell, Sampling::Stratified);
+            let cell = face_cell(cell, Sampling::Stratified);
             for position_cell in 0..64 {
-                let names: Vec<_> = (0..4).map(|ray| (position_cell, ray)).collect();
-                let mut packet = RayPacket::EMPTY;
-                job.fill_packet(&names, &mut packet);
+                let packet = stratum_packet(&cell, position_cell);
                 assert_eq!(packet.active, 0b1111);
                 for lane in 0..4 {
                     let origin = Vec3::from_array(packet.origin.map(|c| c[lane]));
@@ -376,11 +381,9 @@ mod tests {
         for sampling in [Sampling::Stratified, Sampling::WhiteNoise] {
             let (mut sum, mut count) = (0.0, 0);
             for cell in 0..64 {
-                let job = face_cell(cell, sampling);
+                let cell = face_cell(cell, sampling);
                 for position_cell in 0..64 {
-                    let names: Vec<_> = (0..4).map(|ray| (position_cell, ray)).collect();
-                    let mut packet = RayPacket::EMPTY;
-                    job.fill_packet(&names, &mut packet);
+                    let packet = stratum_packet(&cell, position_cell);
                     sum += packet.direction[1][..4]
                         .iter()
                         .map(|y| f64::from(-y))

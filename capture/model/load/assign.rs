@@ -127,6 +127,12 @@ fn cell_on_side(model: &PortalModel, portal: usize, p: DVec3) -> Option<u32> {
     Some(portal.cells[usize::from(!in_front)])
 }
 
+/// Returns the mean of a polygon's corners.
+fn centroid(polygon: &[Corner]) -> DVec3 {
+    let positions = polygon.iter().map(|corner| corner.vertex.position);
+    positions.sum::<DVec3>() / polygon.len() as f64
+}
+
 /// Cuts a triangle into pieces that face one cell each; returns the triangle itself if it faces one
 /// cell.
 fn split_by_faced_cell(
@@ -142,12 +148,7 @@ fn split_by_faced_cell(
         return vec![(model.outside, triangle)];
     };
     let faced_cell = |polygon: &[Corner]| {
-        let middle = polygon
-            .iter()
-            .map(|corner| corner.vertex.position)
-            .sum::<DVec3>()
-            / polygon.len() as f64;
-        let before = middle + normal * BEFORE_M;
+        let before = centroid(polygon) + normal * BEFORE_M;
         let inside = model.cell_at(before);
         if inside == model.outside {
             adjacent_room(model, before).or(inside)
@@ -186,22 +187,17 @@ fn split_by_faced_cell(
 
 /// Cuts a polygon in front of one room, in plan, at the heights of its floors and ceilings.
 fn split_by_storeys(model: &PortalModel, piece: Vec<Corner>, normal: DVec3) -> Vec<Vec<Corner>> {
-    let middle = piece
-        .iter()
-        .map(|corner| corner.vertex.position)
-        .sum::<DVec3>()
-        / piece.len() as f64
-        + normal * BEFORE_M;
-    let place = DVec2::new(middle.x, middle.z);
-    let is_before = |prism: &&Prism| {
-        prism.contains(DVec3::new(middle.x, prism.floor_y, middle.z))
-            || distance_to_outline(&prism.outline, place) <= BESIDE_M
+    let before = centroid(&piece) + normal * BEFORE_M;
+    let plan = DVec2::new(before.x, before.z);
+    let is_at_room = |prism: &&Prism| {
+        prism.contains(before.with_y(prism.floor_y))
+            || distance_to_outline(&prism.outline, plan) <= BESIDE_M
     };
     let prisms = model
         .cells
         .iter()
         .flat_map(|cell| &cell.space)
-        .filter(is_before);
+        .filter(is_at_room);
     let heights = prisms.flat_map(|prism| [prism.floor_y, prism.ceiling_y]);
     heights.fold(vec![piece], |pieces, height| {
         let split = |piece| split_by_plane(piece, DVec3::Y * height, DVec3::Y);

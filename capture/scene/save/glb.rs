@@ -229,13 +229,10 @@ impl GlbBuilder {
             [Some(color), None] => texture(color).clone(),
             [None, opacity] => {
                 let opacity = texture(opacity.unwrap_or(0));
-                let white = opacity
-                    .texels()
-                    .iter()
-                    .map(|texel| [255, 255, 255, texel[3]])
-                    .collect();
-                Texture::new(opacity.width(), opacity.height(), white)
-                    .unwrap_or_else(|| opacity.clone())
+                Texture::from_fn(opacity.width(), opacity.height(), |x, y| {
+                    let texel = opacity.texels()[(y * opacity.width() + x) as usize];
+                    [255, 255, 255, texel[3]]
+                })
             }
             [Some(color), Some(opacity)] => with_opacity(texture(color), texture(opacity)),
         };

@@ -190,12 +190,7 @@ mod tests {
             for i in 0..20 {
                 let target = Vec3::new(0.05 * i as f32 - 0.4, 0.3 * (i % 5) as f32 - 0.6, 0.0);
                 let origin = Vec3::new(0.3, 0.1, z);
-                let ray = Ray {
-                    origin,
-                    direction: target - origin,
-                    t_min: 0.0,
-                    t_max: 9.0,
-                };
+                let ray = Ray::new(origin, target - origin);
                 let hit = tracer.closest(&ray).expect("inside the triangle");
                 assert_eq!(hit.primitive, expected);
                 let [a, b, c] = tracer.triangle(expected);
@@ -214,17 +209,8 @@ mod tests {
             triangles: triangles[..1].to_vec(),
             ..(*scene).clone()
         };
-        let ray = Ray {
-            origin: Vec3::Z,
-            direction: -Vec3::Z,
-            t_min: 0.0,
-            t_max: 9.0,
-        };
-        assert_eq!(
-            Tracer::new(Arc::new(alone), DVec3::ZERO)
-                .closest(&ray)
-                .map(|hit| hit.primitive),
-            Some(0)
-        );
+        let tracer = Tracer::new(Arc::new(alone), DVec3::ZERO);
+        let hit = tracer.closest(&Ray::new(Vec3::Z, -Vec3::Z));
+        assert_eq!(hit.map(|hit| hit.primitive), Some(0));
     }
 }

@@ -129,16 +129,11 @@ impl Lighting {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::light::tests::lit_point;
 
     fn arrival(position: Vec3, normal: Vec3, distance_m: f32) -> Arrival {
-        let point = LitPoint {
-            position,
-            normal,
-            shading_normal: normal,
-            extent: 1.0,
-        };
         Arrival {
-            point,
+            point: lit_point(position, normal, 1.0),
             albedo: Vec3::ONE,
             weight: 1.0,
             distance_m,

@@ -163,7 +163,7 @@ impl Lighting {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::light::tests::add_quad;
+    use crate::light::tests::{add_quad, lit_point};
     use glam::{DVec3, Vec2, dvec3};
     use headbox_scene::material::{Cutout, Material, Texture};
     use headbox_scene::scene::{Scene, Triangle};
@@ -201,32 +201,21 @@ mod tests {
         scene
     }
 
-    fn lamp(radiance: f32, pieces: u32) -> Tracer {
-        Tracer::new(Arc::new(lamp_scene(radiance, pieces)), DVec3::ZERO)
+    const SAMPLES: u32 = 1 << 14;
+
+    /// Returns the mean of light samples.
+    fn mean(light: impl Fn(&LightSample) -> Vec3) -> f64 {
+        let light = |index| f64::from(light(&LightSample { stream: 5, index }).x);
+        (0..SAMPLES).map(light).sum::<f64>() / f64::from(SAMPLES)
     }
 
-    /// Returns the mean of many light samples at height `y` above or below the lamp's centre, on a
-    /// surface that faces it.
+    /// Returns the mean light at height `y` above or below the lamp's centre, on a surface that
+    /// faces it.
     fn light_at(scene: Scene, y: f64, bounces: u32) -> f64 {
-        const SAMPLES: u32 = 1 << 14;
         let tracer = Tracer::new(Arc::new(scene), DVec3::ZERO);
         let lighting = Lighting::of_scene(&tracer, bounces);
-        let normal = Vec3::Y * -y.signum() as f32;
-        let point = LitPoint {
-            position: Vec3::Y * y as f32,
-            normal,
-            shading_normal: normal,
-            extent: 1.0,
-        };
-        let light = |index| {
-            lighting
-                .soft_radiosity(&tracer, &point, &LightSample { stream: 5, index })
-                .x
-        };
-        (0..SAMPLES)
-            .map(|index| f64::from(light(index)))
-            .sum::<f64>()
-            / f64::from(SAMPLES)
+        let point = lit_point(Vec3::Y * y as f32, Vec3::Y * -y.signum() as f32, 1.0);
+        mean(|sample| lighting.soft_radiosity(&tracer, &point, sample))
     }
 
     /// Returns the form factor of a parallel square of 1 m^2 centred h metres above a point: four
@@ -238,7 +227,6 @@ mod tests {
 
     #[test]
     fn near_lamp_matches_form_factor_within_bound() {
-        const SAMPLES: u32 = 1 << 14;
         for (h, pieces, bounces) in [
             (0.01, 1, 1),
             (0.01, 4, 0),
@@ -246,26 +234,17 @@ mod tests {
             (1.0, 2, 1),
             (5.0, 3, 0),
         ] {
-            let tracer = lamp(3.0, pieces);
+            let tracer = Tracer::new(Arc::new(lamp_scene(3.0, pieces)), DVec3::ZERO);
             let lighting = Lighting::of_scene(&tracer, bounces);
-            let position = Vec3::new(0.0, -h as f32, 0.0);
-            let point = LitPoint {
-                position,
-                normal: Vec3::Y,
-                shading_normal: Vec3::Y,
-                extent: 1.0,
-            };
-            let light = |index: u32| {
-                let light = lighting
-                    .soft_radiosity(&tracer, &point, &LightSample { stream: 5, index })
-                    .x;
+            let point = lit_point(Vec3::new(0.0, -h as f32, 0.0), Vec3::Y, 1.0);
+            let mean = mean(|sample| {
+                let light = lighting.soft_radiosity(&tracer, &point, sample);
                 assert!(
-                    light <= 3.0 * 1.001 * 2.0,
+                    light.x <= 3.0 * 1.001 * 2.0,
                     "{h}: {light}, by one point and one ray"
                 );
-                f64::from(light)
-            };
-            let mean = (0..SAMPLES).map(light).sum::<f64>() / f64::from(SAMPLES);
+                light
+            });
             let expected = 3.0 * form_factor(h);
             // Samples vary by at most the lamp's radiance; stratified ones have a smaller error
             // than random ones.
@@ -373,7 +352,7 @@ mod tests {
         let step = |i: u32| (f64::from(i) + 0.5) / f64::from(STEPS) - 0.5;
         // Light from each small square to a point a metre below: both cosines over the squared
         // distance.
-        let brings = |(i, j): (u32, u32)| {
+        let contribution = |(i, j): (u32, u32)| {
             let x = step(i);
             let z = step(j);
             let texel = scene.textures[0].sample(x as f32 + 0.5, 0.5)[0];
@@ -381,27 +360,14 @@ mod tests {
         };
         let all = (0..STEPS)
             .flat_map(|i| (0..STEPS).map(move |j| (i, j)))
-            .map(brings)
+            .map(contribution)
             .sum::<f64>();
         let expected = all / f64::from(STEPS * STEPS);
         // By points alone, like at the last vertex of a path.
         let tracer = Tracer::new(Arc::new(scene), DVec3::ZERO);
         let lighting = Lighting::of_scene(&tracer, 1);
-        let point = LitPoint {
-            position: -Vec3::Y,
-            normal: Vec3::Y,
-            shading_normal: Vec3::Y,
-            extent: 1.0,
-        };
-        let light = |index| {
-            lighting
-                .emitter_light(&tracer, &point, &LightSample { stream: 5, index }, 0, None)
-                .x
-        };
-        let found = (0..1 << 14)
-            .map(|index| f64::from(light(index)))
-            .sum::<f64>()
-            / f64::from(1 << 14);
+        let point = lit_point(-Vec3::Y, Vec3::Y, 1.0);
+        let found = mean(|sample| lighting.emitter_light(&tracer, &point, sample, 0, None));
         assert!(
             (found - expected).abs() < 0.05 * expected,
             "{found}, not {expected}"

@@ -402,7 +402,7 @@ fn blur(values: &[f32; BINS * BINS]) -> [f32; BINS * BINS] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::light::tests::add_quad;
+    use crate::light::tests::{add_quad, lit_point};
     use glam::{DVec3, dvec3};
     use headbox_scene::material::Material;
     use headbox_scene::scene::{Scene, Sky, SkyGradient, SkyPicture, Triangle};
@@ -477,21 +477,13 @@ mod tests {
 
     /// Returns mean and variance of samples at a point on the floor.
     fn floor_light(lighting: &Lighting, tracer: &Tracer) -> (f64, f64) {
-        let point = LitPoint {
-            position: Vec3::new(-0.5, -2.0, -0.7),
-            normal: Vec3::Y,
-            shading_normal: Vec3::Y,
-            extent: 2.0,
-        };
+        let point = lit_point(Vec3::new(-0.5, -2.0, -0.7), Vec3::Y, 2.0);
         let mut moments = Moments::default();
-        (0..SAMPLES).for_each(|index| {
-            moments.add(
-                lighting
-                    .soft_radiosity(tracer, &point, &LightSample { stream: 77, index })
-                    .x,
-            );
-        });
-        (moments.sum / f64::from(SAMPLES), moments.variance())
+        for index in 0..SAMPLES {
+            let sample = LightSample { stream: 77, index };
+            moments.add(lighting.soft_radiosity(tracer, &point, &sample).x);
+        }
+        (moments.mean(), moments.variance())
     }
 
     /// Returns the variances of samples at the floor without and with guiding; checks that the
@@ -535,13 +527,8 @@ mod tests {
             let tracer = tracer(scene);
             let [variance, guided] = variances(&tracer, bounces);
             assert!(guided < variance, "{bounces}: {guided}, without {variance}");
-            assert!(
-                !Lighting::of_scene(&tracer, bounces)
-                    .guided(&tracer)
-                    .guide
-                    .cells
-                    .is_empty()
-            );
+            let lighting = Lighting::of_scene(&tracer, bounces).guided(&tracer);
+            assert!(!lighting.guide.cells.is_empty());
         }
     }
 
@@ -630,21 +617,9 @@ mod tests {
             vertices: [0, 1, 2],
             material: 0,
         }];
-        let bare = tracer(scene);
-        assert!(
-            Lighting::of_scene(&bare, 1)
-                .guided(&bare)
-                .guide
-                .cells
-                .is_empty()
-        );
-        let empty = tracer(Scene::default());
-        assert!(
-            Lighting::of_scene(&empty, 1)
-                .guided(&empty)
-                .guide
-                .cells
-                .is_empty()
-        );
+        for tracer in [tracer(scene), tracer(Scene::default())] {
+            let lighting = Lighting::of_scene(&tracer, 1).guided(&tracer);
+            assert!(lighting.guide.cells.is_empty());
+        }
     }
 }

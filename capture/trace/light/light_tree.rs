@@ -245,6 +245,7 @@ impl LightNode {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::light::tests::lit_point;
     use crate::sampler::{random4, unit_float};
 
     fn leaves(count: u32) -> Vec<Leaf> {
@@ -261,13 +262,7 @@ mod tests {
     }
 
     fn point() -> LitPoint {
-        let normal = Vec3::new(0.6, 0.0, 0.8);
-        LitPoint {
-            position: Vec3::new(1.0, -2.0, 0.5),
-            normal,
-            shading_normal: normal,
-            extent: 1.0,
-        }
+        lit_point(Vec3::new(1.0, -2.0, 0.5), Vec3::new(0.6, 0.0, 0.8), 1.0)
     }
 
     #[test]

@@ -36,6 +36,16 @@ fn tracer() -> Tracer {
     Tracer::new(Arc::new(scene), DVec3::ZERO)
 }
 
+/// Returns a point with a flat normal.
+pub(super) fn lit_point(position: Vec3, normal: Vec3, extent: f32) -> LitPoint {
+    LitPoint {
+        position,
+        normal,
+        shading_normal: normal,
+        extent,
+    }
+}
+
 /// Appends the two triangles of a quad.
 pub(super) fn add_quad(scene: &mut Scene, corners: [DVec3; 4], material: u32) {
     let first = scene.positions.len() as u32;
