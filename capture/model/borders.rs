@@ -73,9 +73,10 @@ struct BorderOpening {
 impl PortalModel {
     /// Adds a portal wherever there is neither a wall nor a portal between two cells, or between a
     /// cell and the outside. The space in a gap between a border and its neighbour is added to the
-    /// neighbour. `tracer` is over this model's geometry, whose triangles need not be assigned to
-    /// cells yet. Reports rooms that are open to the outside: a wall may be missing.
-    pub fn open_borders(&mut self, tracer: &Tracer) -> Vec<Finding> {
+    /// neighbour. `tracer` is over this model's geometry (see [`Self::with_tracer`]), whose
+    /// triangles need not be assigned to cells yet. Reports rooms that are open to the outside: a
+    /// wall may be missing.
+    pub(crate) fn open_borders(&mut self, tracer: &Tracer) -> Vec<Finding> {
         let mut findings = Vec::new();
         let mut borders: VecDeque<Border> = self.borders().into();
         while let Some(border) = borders.pop_front() {

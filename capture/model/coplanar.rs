@@ -28,7 +28,7 @@ type Plane = [i64; 4];
 impl PortalModel {
     /// Finds triangles of different materials that overlap in one plane, facing the same way: one
     /// finding for each cell, with the area and the centre of the largest overlap.
-    pub fn coplanar(&self) -> Vec<Finding> {
+    pub(crate) fn find_coplanar(&self) -> Vec<Finding> {
         let mut planes: BTreeMap<Plane, Vec<PlanarTriangle>> = BTreeMap::new();
         for (cell, it) in (0_u32..).zip(&self.cells) {
             for triangle in it.triangles.clone() {

@@ -2,8 +2,6 @@
 //! views.
 
 use super::{Cell, Finding, PortalModel};
-use headbox_trace::bvh::Tracer;
-use std::sync::Arc;
 
 /// Number of rays from each cell.
 const RAYS: u32 = 2000;
@@ -15,16 +13,11 @@ impl PortalModel {
     /// Joins and reports cells between which more than a few rays pass without crossing a portal
     /// (see [`Self::leaks`]). No room is joined to the outside: it would lose the outer sides of
     /// its walls.
-    pub fn join_leaking(&mut self) -> Vec<Finding> {
+    pub(crate) fn join_leaking_cells(&mut self) -> Vec<Finding> {
         if self.cells.len() < 2 || self.scene.triangles.is_empty() {
             return Vec::new();
         }
-        let [low, high] = self.scene.bounds();
-        let scene = Arc::new(std::mem::take(&mut self.scene));
-        let tracer = Tracer::new(Arc::clone(&scene), (low + high) / 2.0);
-        let leaks = self.stray_pairs(&tracer, RAYS, 0);
-        drop(tracer);
-        self.scene = Arc::unwrap_or_clone(scene);
+        let leaks = self.with_tracer(|model, tracer| model.stray_pairs(tracer, RAYS, 0));
         let mut findings = Vec::new();
         let mut joined: Vec<u32> = (0..self.cells.len() as u32).collect();
         for (&(from, into), &(rays, at)) in &leaks {

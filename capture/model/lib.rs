@@ -21,8 +21,10 @@ pub use polygon::Shape;
 use glam::{DVec2, DVec3};
 use headbox_core::headbox::Headbox;
 use headbox_scene::scene::Scene;
+use headbox_trace::bvh::Tracer;
 use headbox_trace::viewpoint::EYE_HEIGHT_M;
 use std::ops::Range;
+use std::sync::Arc;
 
 /// An upright prism: a simple polygon in plan, from its floor to its ceiling.
 #[derive(Clone, Debug, PartialEq)]
@@ -111,6 +113,17 @@ pub struct PortalModel {
 }
 
 impl PortalModel {
+    /// Calls a function with a tracer of the scene, during which the model has no scene.
+    pub(crate) fn with_tracer<T>(&mut self, function: impl FnOnce(&mut Self, &Tracer) -> T) -> T {
+        let [low, high] = self.scene.bounds();
+        let scene = Arc::new(std::mem::take(&mut self.scene));
+        let tracer = Tracer::new(Arc::clone(&scene), (low + high) / 2.0);
+        let result = function(self, &tracer);
+        drop(tracer);
+        self.scene = Arc::unwrap_or_clone(scene);
+        result
+    }
+
     /// Returns the cell that contains a point (world metres): the first whose space does, else the
     /// outside cell, else `None` (a point in a wall of a model without an outside).
     pub fn cell_at(&self, p: DVec3) -> Option<u32> {

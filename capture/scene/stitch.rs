@@ -44,7 +44,7 @@ impl Scene {
 
     /// Adds a vertex at `position`, with attributes interpolated at `share` (0..1) of the way
     /// between two vertices. Returns its index.
-    pub fn vertex_between(&mut self, ends: [u32; 2], position: DVec3, share: f32) -> u32 {
+    pub(crate) fn vertex_between(&mut self, ends: [u32; 2], position: DVec3, share: f32) -> u32 {
         let [a, b] = ends.map(|end| self.vertex(end));
         // A missing normal cannot be interpolated.
         let normal = if a.normal == Vec3::ZERO || b.normal == Vec3::ZERO {

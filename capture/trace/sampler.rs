@@ -141,7 +141,7 @@ pub fn unit_float(random: u32) -> f32 {
 /// map). Polynomials in place of `sin` and `cos` keep the result the same on every machine; their
 /// error is below 4e-7.
 #[inline(always)]
-pub fn disk_from_square(u: f32, v: f32) -> [f32; 2] {
+pub(crate) fn disk_from_square(u: f32, v: f32) -> [f32; 2] {
     use std::f32::consts::FRAC_PI_4;
     let (a, b) = (2.0 * u - 1.0, 2.0 * v - 1.0);
     let a_is_radius = a.abs() > b.abs();
@@ -160,7 +160,7 @@ pub fn disk_from_square(u: f32, v: f32) -> [f32; 2] {
 }
 
 /// Inverts [`disk_from_square`].
-pub fn square_from_disk([x, y]: [f32; 2]) -> [f32; 2] {
+pub(crate) fn square_from_disk([x, y]: [f32; 2]) -> [f32; 2] {
     use std::f32::consts::FRAC_PI_4;
     let x_is_radius = x.abs() > y.abs();
     let (along, across) = if x_is_radius { (x, y) } else { (y, x) };
@@ -180,7 +180,7 @@ pub fn square_from_disk([x, y]: [f32; 2]) -> [f32; 2] {
 
 /// Samples a direction about +Z, cosine-weighted, from two numbers in [0, 1).
 #[inline(always)]
-pub fn cosine_direction(u: f32, v: f32) -> [f32; 3] {
+pub(crate) fn cosine_direction(u: f32, v: f32) -> [f32; 3] {
     let [x, y] = disk_from_square(u, v);
     // A direction exactly in the window's plane would not leave it.
     let z = (1.0 - x * x - y * y).max(1e-6).sqrt();

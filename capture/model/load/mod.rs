@@ -17,9 +17,7 @@ use crate::{Finding, PortalModel};
 use headbox_core::container::HOMES;
 use headbox_scene::load::{LoadError, LoadOptions, extension_of, load};
 use headbox_scene::scene::Scene;
-use headbox_trace::bvh::Tracer;
 use std::path::Path;
-use std::sync::Arc;
 
 /// Options of loading a portal model.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -38,25 +36,14 @@ pub struct LoadedModel {
     pub findings: Vec<Finding>,
 }
 
-/// Adds portals where there is no wall between cells ([`PortalModel::open_borders`]), before
-/// triangles are assigned.
-fn open_borders(model: &mut PortalModel) -> Vec<Finding> {
-    let [low, high] = model.scene.bounds();
-    let scene = Arc::new(std::mem::take(&mut model.scene));
-    let tracer = Tracer::new(Arc::clone(&scene), (low + high) / 2.0);
-    let findings = model.open_borders(&tracer);
-    drop(tracer);
-    model.scene = Arc::unwrap_or_clone(scene);
-    findings
-}
-
 impl LoadedModel {
     /// Repairs a model whose triangles are assigned; `found` are earlier findings.
     fn new(mut model: PortalModel, found: Vec<Finding>) -> Self {
-        let joined = model.join_leaking();
+        let joined = model.join_leaking_cells();
         model.suggest_headbox();
         let mut findings = model.mend();
-        findings.extend(found.into_iter().chain(joined).chain(model.coplanar()));
+        findings.extend(found.into_iter().chain(joined));
+        findings.extend(model.find_coplanar());
         Self { model, findings }
     }
 }

@@ -116,7 +116,7 @@ pub(super) fn load(path: &Path, options: &ModelOptions) -> Result<LoadedModel, L
         ));
     }
 
-    let found = super::open_borders(&mut model);
+    let found = model.with_tracer(PortalModel::open_borders);
     let doors = DoorGroups::find(&model, &home, &grouped.groups);
     let portions = assign_groups(&model, &grouped.groups, &doors, options, &mut notes);
     model.scene.summary.notes.extend(notes);

@@ -147,7 +147,7 @@ pub(super) fn load(path: &Path) -> Result<LoadedModel, LoadError> {
         outside: Some(outside as u32),
     };
     model.scene.name = file.name.unwrap_or_else(|| file_stem(path));
-    let found = super::open_borders(&mut model);
+    let found = model.with_tracer(PortalModel::open_borders);
     let claimed = |name: &str| {
         file.cell
             .iter()

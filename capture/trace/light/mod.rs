@@ -360,7 +360,7 @@ impl Lighting {
 
     /// Returns one sample of the part of [`Self::radiosity_per_albedo`] that comes from the sky,
     /// from emissive triangles and from bounces.
-    pub fn soft_radiosity(&self, tracer: &Tracer, point: &LitPoint, sample: &LightSample) -> Vec3 {
+    fn soft_radiosity(&self, tracer: &Tracer, point: &LitPoint, sample: &LightSample) -> Vec3 {
         let mut path = Path::new(point);
         self.follow(tracer, &mut path, 0, sample);
         path.sum

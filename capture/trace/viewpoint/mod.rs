@@ -10,10 +10,7 @@ mod place;
 mod tests;
 mod view;
 
-pub use place::{
-    EYE_HEIGHT_M, HeadboxError, fitting_half_size, place_headbox, suggest_half_size,
-    suggest_headbox,
-};
+pub use place::{EYE_HEIGHT_M, HeadboxError, fitting_half_size, place_headbox, suggest_headbox};
 pub use view::suggest_view;
 
 use crate::bvh::{Hit, Ray, Tracer};
@@ -24,19 +21,19 @@ const DIRECTIONS: u32 = 128;
 
 /// Statistics of the surfaces around a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Surroundings {
+struct Surroundings {
     /// Distance to the nearest surface, metres; infinite without any.
-    pub clearance_m: f64,
+    clearance_m: f64,
     /// Median distance of the surfaces, metres; infinite without any.
-    pub median_m: f64,
+    median_m: f64,
     /// Fraction of directions with a surface.
-    pub enclosed: f64,
+    enclosed: f64,
     /// Fraction of these surfaces whose back side is visible.
-    pub backs: f64,
+    backs: f64,
 }
 
 /// Measures the surroundings of a world position (128 directions, evenly spread).
-pub fn look_around(tracer: &Tracer, world: DVec3) -> Surroundings {
+fn look_around(tracer: &Tracer, world: DVec3) -> Surroundings {
     let mut distances = Vec::with_capacity(DIRECTIONS as usize);
     let mut backs = 0;
     for i in 0..DIRECTIONS {

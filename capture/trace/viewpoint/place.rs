@@ -106,7 +106,7 @@ pub fn place_headbox(
 /// Suggests the half-size of a headbox about a world position: half the clearance (a cube's corner
 /// is 1.73 half-sizes away), but at most a twentieth of the scene's diagonal; if the position
 /// touches geometry, a hundredth of the diagonal.
-pub fn suggest_half_size(tracer: &Tracer, centre: DVec3) -> f64 {
+fn suggest_half_size(tracer: &Tracer, centre: DVec3) -> f64 {
     let [low, high] = tracer.scene().bounds();
     let diagonal = (high - low).length();
     let fitting = 0.5 * look_around(tracer, centre).clearance_m;
