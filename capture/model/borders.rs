@@ -2,10 +2,10 @@
 //! neighbour is visible.
 //!
 //! Rays, not the plan, find the walls, so that a lintel, a half-high wall, a post or a missing wall
-//! is treated as it was built. Rays cross the border perpendicularly on a grid. Each run of adjacent
-//! columns with a passing ray becomes one upright rectangle from the lowest to the highest passing
-//! ray, with ends refined by bisection. A portal may be larger than the opening (geometry in it
-//! occludes what is behind), never smaller.
+//! is treated as it was built. Rays cross the border perpendicularly on a grid. Each run of
+//! adjacent columns with a passing ray becomes one upright rectangle from the lowest to the highest
+//! passing ray, with ends refined by bisection. A portal may be larger than the opening (geometry
+//! in it occludes what is behind), never smaller.
 
 use super::polygon::Polygon;
 use super::{Finding, Portal, PortalModel, Prism, doubled_area};
@@ -106,7 +106,7 @@ impl PortalModel {
             .filter(|(cell, _)| !self.is_outside(*cell));
         let prisms = cells.flat_map(|(cell, it)| it.space.iter().map(move |prism| (cell, prism)));
         prisms
-            .flat_map(|(cell, prism)| Border::of_prism(cell, prism))
+            .flat_map(|(cell, prism)| Border::sides(cell, prism))
             .collect()
     }
 
@@ -132,7 +132,7 @@ impl PortalModel {
                 floor_y: low,
                 ceiling_y: high,
             };
-            borders.extend(Border::of_prism(beyond.cell, &prism));
+            borders.extend(Border::sides(beyond.cell, &prism));
             self.cells.get_mut(beyond.cell as usize)?.space.push(prism);
         }
         // The direction from `a` to `b` cross up points into the border's cell.
@@ -160,7 +160,7 @@ impl PortalModel {
 
 impl Border {
     /// Returns the sides of a prism; none if it has no area.
-    fn of_prism(cell: u32, prism: &Prism) -> Vec<Self> {
+    fn sides(cell: u32, prism: &Prism) -> Vec<Self> {
         let outline = &prism.outline;
         let area = doubled_area(outline);
         let edge = |(&a, &b): (&DVec2, &DVec2)| {
@@ -187,7 +187,7 @@ impl Border {
     }
 
     /// Returns the point `s` metres along the edge at height `y`, `out` metres beyond it.
-    fn at(&self, s: f64, y: f64, out: f64) -> DVec3 {
+    fn point(&self, s: f64, y: f64, out: f64) -> DVec3 {
         let p = self.from + self.along * s + self.outward * out;
         DVec3::new(p.x, y, p.y)
     }
@@ -368,7 +368,8 @@ impl BorderSearch<'_> {
 
     /// Returns true if there is already a portal within the reach of a wall.
     fn is_in_portal(&self, s: f64, y: f64) -> bool {
-        let [near, far] = [-CLEAR_M[0], REACH_M + CLEAR_M[0]].map(|out| self.border.at(s, y, out));
+        let [near, far] =
+            [-CLEAR_M[0], REACH_M + CLEAR_M[0]].map(|out| self.border.point(s, y, out));
         self.polygons
             .iter()
             .any(|polygon| polygon.hit(near, far - near, 0.0).is_some_and(|t| t <= 1.0))
@@ -377,7 +378,7 @@ impl BorderSearch<'_> {
     /// Returns the nearest other cell beyond the border, else the outside; `None` where the border
     /// is inside of its own cell or of one that takes precedence over it.
     fn beyond(&self, s: f64, y: f64) -> Option<SpaceBeyond> {
-        let cell_at = |out: f64| self.model.cell_at(self.border.at(s, y, out));
+        let cell_at = |out: f64| self.model.cell_at(self.border.point(s, y, out));
         let own = Some(self.border.cell);
         if cell_at(-STEP_M) != own || cell_at(STEP_M) == own {
             return None;
@@ -404,7 +405,7 @@ impl BorderSearch<'_> {
 
     /// Returns true if a ray from the cell perpendicular to the border reaches the space beyond.
     fn passes(&self, s: f64, y: f64, beyond: SpaceBeyond) -> bool {
-        let at = |out: f64| self.border.at(s, y, out);
+        let at = |out: f64| self.border.point(s, y, out);
         let clear = |cell: u32, from: f64, side: f64| {
             let mut distances = CLEAR_M.into_iter().map(|clear| from + side * clear);
             distances.find(|&out| self.model.cell_at(at(out)) == Some(cell))

@@ -112,18 +112,18 @@ fn overlap(a: &[DVec2; 3], b: &[DVec2; 3]) -> (f64, DVec2) {
     for i in 0..3 {
         let (from, to) = (b[i], b[(i + 1) % 3]);
         let side = |p: DVec2| (to - from).perp_dot(p - from);
-        let mut kept = Vec::with_capacity(polygon.len() + 1);
+        let mut clipped = Vec::with_capacity(polygon.len() + 1);
         for (k, &p) in polygon.iter().enumerate() {
             let q = polygon[(k + 1) % polygon.len()];
             let (at_p, at_q) = (side(p), side(q));
             if at_p >= 0.0 {
-                kept.push(p);
+                clipped.push(p);
             }
             if (at_p > 0.0 && at_q < 0.0) || (at_p < 0.0 && at_q > 0.0) {
-                kept.push(p.lerp(q, at_p / (at_p - at_q)));
+                clipped.push(p.lerp(q, at_p / (at_p - at_q)));
             }
         }
-        polygon = kept;
+        polygon = clipped;
     }
     let mean = polygon.iter().sum::<DVec2>() / polygon.len().max(1) as f64;
     (doubled_area(&polygon) / 2.0, mean)

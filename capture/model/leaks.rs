@@ -12,8 +12,8 @@ use std::collections::BTreeMap;
 /// far off the border of its cell's space.
 const BEFORE_HIT_M: f64 = 0.03;
 
-/// Margin of portals for the search, metres: hand-drawn homes have gaps of a few millimetres between
-/// an opening and the wall around it.
+/// Margin of portals for the search, metres: hand-drawn homes have gaps of a few millimetres
+/// between an opening and the wall around it.
 const EDGE_M: f64 = 0.005;
 
 /// Minimum distance of ray origins from the border of their cell's space, metres: the space may
@@ -166,14 +166,14 @@ impl PortalModel {
         };
         // The tested position is not in front of the last portal that the ray crossed.
         let at = origin + direction * (reach - BEFORE_HIT_M).max((last_crossing + reach) / 2.0);
-        let found = self.cell_at(at)?;
+        let reached = self.cell_at(at)?;
         let owner = (0_u32..)
             .zip(&self.cells)
             .find(|(_, it)| it.triangles.contains(&hit.primitive))
             .map(|(cell, _)| cell);
-        (found != current && owner != Some(current)).then_some(Stray {
+        (reached != current && owner != Some(current)).then_some(Stray {
             from: current,
-            into: found,
+            into: reached,
             at,
         })
     }

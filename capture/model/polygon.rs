@@ -83,12 +83,12 @@ impl<'a> Polygon<'a> {
         }
         let cancelled = newell.length() <= size * size * STRAIGHT;
         let normal = if cancelled { largest } else { newell }.normalize_or_zero();
-        let off = corners
+        let offset = corners
             .iter()
             .map(|corner| (*corner - centroid).dot(normal).abs())
             .fold(0.0, f64::max);
-        if off > FLAT_M.max(FLAT_SHARE * size) {
-            return Err(Shape::NotPlanar(off));
+        if offset > FLAT_M.max(FLAT_SHARE * size) {
+            return Err(Shape::NotPlanar(offset));
         }
         if crosses_itself(corners, normal) {
             return Err(Shape::CrossesItself);

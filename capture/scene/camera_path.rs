@@ -341,8 +341,8 @@ mod tests {
         assert!((cameras[0].focal_px() - 2.0 / 25f64.to_radians().tan()).abs() < 1e-9);
     }
 
-    /// A camera on an arm: the arm turns by 90 degrees about Y in 1 s, the camera is 2 m in front of
-    /// it and moves up by 1 m.
+    /// A camera on an arm: the arm turns by 90 degrees about Y in 1 s, the camera is 2 m in front
+    /// of it and moves up by 1 m.
     fn arm(interpolation: &str) -> String {
         let half = 0.5f32.sqrt();
         let times = [0.0f32, 1.0];

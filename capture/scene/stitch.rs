@@ -94,7 +94,7 @@ impl CornerGrid {
                 .or_insert_with(|| {
                     let index = points.len() as u32;
                     points.push(p);
-                    cells.entry(cell_of(p, cell_m)).or_default().push(index);
+                    cells.entry(grid_cell(p, cell_m)).or_default().push(index);
                     index
                 })
         };
@@ -158,7 +158,7 @@ impl CornerGrid {
             let at = |step: u32| a.lerp(b, f64::from(step) / steps);
             let [p, q] = [at(step), at(step + 1)];
             let [low, high] = [p.min(q) - ON_EDGE_M, p.max(q) + ON_EDGE_M]
-                .map(|corner| cell_of(corner, self.cell_m));
+                .map(|corner| grid_cell(corner, self.cell_m));
             let cells = (low[0]..=high[0]).flat_map(move |x| {
                 (low[1]..=high[1]).flat_map(move |y| (low[2]..=high[2]).map(move |z| [x, y, z]))
             });
@@ -170,7 +170,7 @@ impl CornerGrid {
     }
 }
 
-fn cell_of(p: DVec3, cell_m: f64) -> [i64; 3] {
+fn grid_cell(p: DVec3, cell_m: f64) -> [i64; 3] {
     (p / cell_m).floor().to_array().map(|x| x as i64)
 }
 
@@ -284,7 +284,8 @@ mod tests {
         edges.map(on_an_edge).sum()
     }
 
-    /// A square of 1 m from two triangles, and three triangles next to it with a corner on its edge.
+    /// A square of 1 m from two triangles, and three triangles next to it with a corner on its
+    /// edge.
     fn one_beside_two() -> Scene {
         let positions = [
             [0.0, 0.0],

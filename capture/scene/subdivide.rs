@@ -7,10 +7,11 @@ use std::collections::HashMap;
 const MAX_DEPTH: u32 = 32;
 
 /// Cuts triangles until no edge is longer than `edge_m`, metres. An edge is cut by its length alone
-/// and in its middle, so that triangles that share vertices keep sharing them: no T-junctions arise.
+/// and in its middle, so that triangles that share vertices keep sharing them: no T-junctions
+/// arise.
 ///
-/// Returns the index of the first piece of each triangle, then the number of pieces; `None` if there
-/// would be more than `max_triangles`.
+/// Returns the index of the first piece of each triangle, then the number of pieces; `None` if
+/// there would be more than `max_triangles`.
 pub fn subdivide(scene: &mut Scene, edge_m: f64, max_triangles: usize) -> Option<Vec<u32>> {
     let mut cutter = Cutter {
         scene,

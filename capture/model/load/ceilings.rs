@@ -12,8 +12,8 @@ const CORNER_REACH: f64 = 60.0;
 /// Least height of such a wall, as a share of the storey's height; counters and parapets are lower.
 const MIN_HEIGHT_SHARE: f64 = 0.75;
 
-/// Maximum distance from a room's outline of the faces of its walls, and of adjacent rooms without a
-/// wall between, centimetres.
+/// Maximum distance from a room's outline of the faces of its walls, and of adjacent rooms without
+/// a wall between, centimetres.
 const ADJACENT: f64 = 40.0;
 
 /// Step along an outline, centimetres.

@@ -116,7 +116,7 @@ pub(super) fn load(path: &Path, options: &ModelOptions) -> Result<LoadedModel, L
         ));
     }
 
-    let found = model.with_tracer(PortalModel::open_borders);
+    let findings = model.with_tracer(PortalModel::open_borders);
     let doors = DoorGroups::find(&model, &home, &grouped.groups);
     let portions = assign_groups(&model, &grouped.groups, &doors, options, &mut notes);
     model.scene.summary.notes.extend(notes);
@@ -126,7 +126,7 @@ pub(super) fn load(path: &Path, options: &ModelOptions) -> Result<LoadedModel, L
         portions: &portions,
     }
     .apply(&mut model);
-    Ok(LoadedModel::new(model, found))
+    Ok(LoadedModel::new(model, findings))
 }
 
 /// Returns a sky and ground in the home's colours, as bright as with the default sun.

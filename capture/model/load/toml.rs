@@ -147,7 +147,7 @@ pub(super) fn load(path: &Path) -> Result<LoadedModel, LoadError> {
         outside: Some(outside as u32),
     };
     model.scene.name = file.name.unwrap_or_else(|| file_stem(path));
-    let found = model.with_tracer(PortalModel::open_borders);
+    let findings = model.with_tracer(PortalModel::open_borders);
     let claimed = |name: &str| {
         file.cell
             .iter()
@@ -191,7 +191,7 @@ pub(super) fn load(path: &Path) -> Result<LoadedModel, LoadError> {
         portions: &portions,
     }
     .apply(&mut model);
-    Ok(LoadedModel::new(model, found))
+    Ok(LoadedModel::new(model, findings))
 }
 
 fn repeated_name(cells: &[FileCell]) -> Option<&str> {

@@ -7,22 +7,22 @@ use glam::{DVec2, DVec3};
 /// are cut ear by ear (Meisters 1975), so that a concave outline is covered exactly once. The rest
 /// of a polygon that intersects itself, when no ear is left, becomes a fan.
 pub fn triangulate(corners: &[DVec3]) -> Vec<[usize; 3]> {
-    let mut left: Vec<usize> = (0..corners.len()).collect();
+    let mut remaining: Vec<usize> = (0..corners.len()).collect();
     let mut triangles = Vec::with_capacity(corners.len().saturating_sub(2));
     if corners.len() > 3 {
         let flat = flatten(corners);
-        let convex = |i: usize| doubled_area(&flat, neighbours(&left, i)) >= 0.0;
-        if !(0..left.len()).all(convex) {
-            while left.len() > 3 {
-                let Some(ear) = (0..left.len()).find(|&i| is_ear(&flat, &left, i)) else {
+        let convex = |i: usize| doubled_area(&flat, neighbours(&remaining, i)) >= 0.0;
+        if !(0..remaining.len()).all(convex) {
+            while remaining.len() > 3 {
+                let Some(ear) = (0..remaining.len()).find(|&i| is_ear(&flat, &remaining, i)) else {
                     break;
                 };
-                triangles.push(neighbours(&left, ear));
-                left.remove(ear);
+                triangles.push(neighbours(&remaining, ear));
+                remaining.remove(ear);
             }
         }
     }
-    if let Some((&first, rest)) = left.split_first() {
+    if let Some((&first, rest)) = remaining.split_first() {
         triangles.extend(rest.windows(2).map(|edge| [first, edge[0], edge[1]]));
     }
     triangles
@@ -53,12 +53,12 @@ fn flatten(corners: &[DVec3]) -> Vec<DVec2> {
 }
 
 /// Returns corner `i` of the remaining polygon between its two neighbours.
-fn neighbours(left: &[usize], i: usize) -> [usize; 3] {
-    let count = left.len();
+fn neighbours(remaining: &[usize], i: usize) -> [usize; 3] {
+    let count = remaining.len();
     [
-        left[(i + count - 1) % count],
-        left[i],
-        left[(i + 1) % count],
+        remaining[(i + count - 1) % count],
+        remaining[i],
+        remaining[(i + 1) % count],
     ]
 }
 
@@ -68,8 +68,8 @@ fn doubled_area(flat: &[DVec2], [a, b, c]: [usize; 3]) -> f64 {
 }
 
 /// Returns true if a corner turns left and its triangle contains no other remaining corner.
-fn is_ear(flat: &[DVec2], left: &[usize], i: usize) -> bool {
-    let [a, b, c] = neighbours(left, i);
+fn is_ear(flat: &[DVec2], remaining: &[usize], i: usize) -> bool {
+    let [a, b, c] = neighbours(remaining, i);
     let outside = |p: usize| {
         let same_place = [a, b, c].iter().any(|&corner| flat[corner] == flat[p]);
         same_place
@@ -77,7 +77,7 @@ fn is_ear(flat: &[DVec2], left: &[usize], i: usize) -> bool {
             || doubled_area(flat, [b, c, p]) < 0.0
             || doubled_area(flat, [c, a, p]) < 0.0
     };
-    doubled_area(flat, [a, b, c]) > 0.0 && left.iter().all(|&p| outside(p))
+    doubled_area(flat, [a, b, c]) > 0.0 && remaining.iter().all(|&p| outside(p))
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! Structure-of-arrays packets: rays, hits, the state of their searches, and prepared rays.
 
 use super::Ray;
-use super::prepared::{Prepared, Slab, axes_of, each_axis, is_valid, largest, main_axis};
+use super::prepared::{Prepared, Slab, each_axis, is_valid, largest, main_axis, shear_axes};
 use super::triangle::Candidate;
 use glam::Vec3;
 
@@ -244,7 +244,7 @@ impl PreparedPacket {
     /// Extracts ray `k`.
     #[inline(always)]
     pub(super) fn ray(&self, rays: &RayPacket, k: usize) -> Prepared {
-        let axes = axes_of(self.main_axis[k]);
+        let axes = shear_axes(self.main_axis[k]);
         Prepared {
             slabs: each_axis!(a => Slab {
                 near_origin: self.near_origin[a][k],

@@ -8,7 +8,7 @@
 
 use super::Tracer;
 use super::lanes::{HitPacket, Lanes, PACKET, PreparedPacket, RayPacket};
-use super::prepared::{Prepared, axes_of, each_axis};
+use super::prepared::{Prepared, each_axis, shear_axes};
 use super::single::{self, ClosestQuery, OcclusionQuery, relative};
 use super::tree::{BLOCK, Block, Entry, Node, SMALL_STACK, WIDTH, opposite, push_sorted};
 use super::triangle::{Candidate, edges, exact};
@@ -92,7 +92,7 @@ fn trace<S: Simd, const ANY: bool>(
         prepared: &prepared,
         near_rows: each_axis!(a => if negative[a] == 0 { a } else { a + 3 }),
         axes: if same_main.to_bitmask() as u32 & active == active {
-            Some(axes_of(main))
+            Some(shear_axes(main))
         } else {
             None
         },
@@ -201,7 +201,7 @@ impl<S: Simd> PacketTraversal<'_, S> {
     /// occluded.
     #[inline(always)]
     fn limit(&self, active: u32, found: &Lanes) -> f32 {
-        self.max_of(active, &found.t)
+        self.masked_max(active, &found.t)
     }
 
     #[inline(always)]
@@ -216,7 +216,7 @@ impl<S: Simd> PacketTraversal<'_, S> {
 
     /// Returns the maximum of a row over the rays `active`.
     #[inline(always)]
-    fn max_of(&self, active: u32, row: &[f32; PACKET]) -> f32 {
+    fn masked_max(&self, active: u32, row: &[f32; PACKET]) -> f32 {
         self.mask(active)
             .select(self.load(row), f32x16::splat(self.simd, f32::NEG_INFINITY))
             .reduce_max()
@@ -224,7 +224,7 @@ impl<S: Simd> PacketTraversal<'_, S> {
 
     /// Returns the minimum of a row over the rays `active`.
     #[inline(always)]
-    fn min_of(&self, active: u32, row: &[f32; PACKET]) -> f32 {
+    fn masked_min(&self, active: u32, row: &[f32; PACKET]) -> f32 {
         self.mask(active)
             .select(self.load(row), f32x16::splat(self.simd, f32::INFINITY))
             .reduce_min()
@@ -280,7 +280,7 @@ impl<S: Simd> PacketTraversal<'_, S> {
         let best = self.load(&found.t);
         let best_primitive = u32x16::load_array_ref(self.simd, &found.primitive);
         let first = t.simd_eq(best) & u32x16::splat(self.simd, primitive).simd_lt(best_primitive);
-        let wanted = (inside & (t.simd_lt(best) | first)).to_bitmask() as u32 & !degenerate;
+        let accepted = (inside & (t.simd_lt(best) | first)).to_bitmask() as u32 & !degenerate;
         let [_, v, w] = edges.weights;
         if block.cutouts >> slot & 1 == 1 || degenerate != 0 {
             let candidates = [
@@ -292,18 +292,18 @@ impl<S: Simd> PacketTraversal<'_, S> {
             return self.intersect_scalar::<ANY>(
                 block,
                 slot,
-                wanted,
+                accepted,
                 degenerate,
                 &candidates,
                 &enter.to_array(),
                 found,
             );
         }
-        let mask = self.mask(wanted);
-        if wanted == 0 {
+        let mask = self.mask(accepted);
+        if accepted == 0 {
             return false;
         } else if ANY {
-            found.blocked |= wanted as u16;
+            found.blocked |= accepted as u16;
             mask.select(f32x16::splat(self.simd, f32::NEG_INFINITY), best)
                 .store_array(&mut found.t);
         } else {
@@ -327,7 +327,7 @@ impl<S: Simd> PacketTraversal<'_, S> {
         &self,
         block: &Block,
         slot: usize,
-        wanted: u32,
+        accepted: u32,
         degenerate: u32,
         [t, v, w, determinant]: &[[f32; PACKET]; 4],
         enter: &[f32; PACKET],
@@ -335,7 +335,7 @@ impl<S: Simd> PacketTraversal<'_, S> {
     ) -> bool {
         let primitive = block.primitives[slot];
         let mut hit = false;
-        let mut lanes = wanted | degenerate;
+        let mut lanes = accepted | degenerate;
         while lanes != 0 {
             let k = lanes.trailing_zeros() as usize;
             lanes &= lanes - 1;
@@ -401,7 +401,7 @@ impl<S: Simd> PacketTraversal<'_, S> {
         let is_y = main.simd_eq(u32x16::splat(self.simd, 1));
         each_axis!(vertex => {
             let [x, y, z] = each_axis!(a => self.relative_coordinate(block, slot, vertex, a));
-            // The rows are axes_of(0), axes_of(1), axes_of(2).
+            // The rows are shear_axes(0), shear_axes(1), shear_axes(2).
             let choices = [[y, z, x], [z, x, y], [x, y, z]];
             each_axis!(i => is_x.select(choices[0][i], is_y.select(choices[1][i], choices[2][i])))
         })
@@ -447,17 +447,17 @@ impl<S: Simd> Beam<S> {
             near_rows: walk.near_rows,
             near_origin: each_axis!(a => {
                 let row = &p.near_origin[a];
-                f32x8::splat(simd, if positive[a] { walk.max_of(active, row) } else { walk.min_of(active, row) })
+                f32x8::splat(simd, if positive[a] { walk.masked_max(active, row) } else { walk.masked_min(active, row) })
             }),
             far_origin: each_axis!(a => {
                 let row = &p.far_origin[a];
-                f32x8::splat(simd, if positive[a] { walk.min_of(active, row) } else { walk.max_of(active, row) })
+                f32x8::splat(simd, if positive[a] { walk.masked_min(active, row) } else { walk.masked_max(active, row) })
             }),
             inverse: each_axis!(a => {
                 let row = &p.inverse[a];
-                [f32x8::splat(simd, walk.min_of(active, row)), f32x8::splat(simd, walk.max_of(active, row))]
+                [f32x8::splat(simd, walk.masked_min(active, row)), f32x8::splat(simd, walk.masked_max(active, row))]
             }),
-            t_min: f32x8::splat(simd, walk.min_of(active, &walk.rays.t_min)),
+            t_min: f32x8::splat(simd, walk.masked_min(active, &walk.rays.t_min)),
         }
     }
 

@@ -145,7 +145,7 @@ impl Prepared {
         }
         let slabs =
             each_axis!(a => Slab::new(origin[a], direction[a], largest_origin, largest_direction));
-        let axes = axes_of(main_axis(direction));
+        let axes = shear_axes(main_axis(direction));
         let inverse = slabs[axes[2]].inverse;
         Some(Self {
             slabs,
@@ -165,7 +165,7 @@ impl Prepared {
 
 /// Returns the axes x', y', z' for a main axis.
 #[inline]
-pub(super) fn axes_of(main_axis: u32) -> [usize; 3] {
+pub(super) fn shear_axes(main_axis: u32) -> [usize; 3] {
     match main_axis {
         0 => [1, 2, 0],
         1 => [2, 0, 1],

@@ -178,9 +178,9 @@ fn extent(leaves: &[Leaf]) -> (Vec3, Vec3) {
 fn split(leaves: &mut [Leaf]) -> (&mut [Leaf], &mut [Leaf]) {
     let (low, edges) = extent(leaves);
     let axis = edges.max_position();
-    let place = |leaf: &Leaf| leaf.bounds[0][axis] + leaf.bounds[1][axis];
-    leaves.sort_unstable_by(|a, b| place(a).total_cmp(&place(b)).then(a.id.cmp(&b.id)));
-    let lower = leaves.partition_point(|leaf| place(leaf) < 2.0 * low[axis] + edges[axis]);
+    let key = |leaf: &Leaf| leaf.bounds[0][axis] + leaf.bounds[1][axis];
+    leaves.sort_unstable_by(|a, b| key(a).total_cmp(&key(b)).then(a.id.cmp(&b.id)));
+    let lower = leaves.partition_point(|leaf| key(leaf) < 2.0 * low[axis] + edges[axis]);
     let half = if lower == 0 || lower == leaves.len() {
         leaves.len() / 2
     } else {

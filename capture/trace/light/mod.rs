@@ -257,8 +257,8 @@ impl Lighting {
         let mut lighting = Self::of_scene(tracer, bounces);
         let pilot = Pilot::new(tracer);
         let mut exposed = lighting.meter(tracer, &pilot);
-        // Very bright light is clamped ([`MAX_BOUNCE_RADIANCE`]) according to an exposure that is not
-        // known yet: a scene lit by sunlight in lux is metered again with the exposure just
+        // Very bright light is clamped ([`MAX_BOUNCE_RADIANCE`]) according to an exposure that is
+        // not known yet: a scene lit by sunlight in lux is metered again with the exposure just
         // measured.
         for _ in 0..MAX_METERING_ITERATIONS {
             if exposed >= 0.5 * lighting.exposure {
@@ -294,9 +294,9 @@ impl Lighting {
             .iter()
             .map(|&direction| luminance(self.miss_radiance(direction)))
             .collect();
-        let mut seen = [self.pilot_luminance(tracer, &pilot.surfaces), sky.clone()].concat();
-        let bright = percentile(&mut seen.clone(), 0.9);
-        let dark = seen[..pilot.surfaces.len()]
+        let mut levels = [self.pilot_luminance(tracer, &pilot.surfaces), sky.clone()].concat();
+        let bright = percentile(&mut levels.clone(), 0.9);
+        let dark = levels[..pilot.surfaces.len()]
             .iter()
             .filter(|&&level| level <= bright * 0.01)
             .count();
@@ -307,9 +307,9 @@ impl Lighting {
                 radiance: if bright > 0.0 { bright * 0.1 } else { 1.0 },
                 reach_m,
             };
-            seen = [self.pilot_luminance(tracer, &pilot.surfaces), sky].concat();
+            levels = [self.pilot_luminance(tracer, &pilot.surfaces), sky].concat();
         }
-        let mean = pilot.logarithmic_mean(&seen);
+        let mean = pilot.logarithmic_mean(&levels);
         if mean > 0.0 && mean.is_finite() {
             MIDDLE_GREY / mean
         } else {

@@ -73,12 +73,12 @@ impl Pilot {
         }
     }
 
-    /// Returns the geometric mean over the windows of the mean luminance in each; `seen` is in the
-    /// order of `windows`. The mean inside a window reduces the noise of single samples, which
+    /// Returns the geometric mean over the windows of the mean luminance in each; `levels` is in
+    /// the order of `windows`. The mean inside a window reduces the noise of single samples, which
     /// would bias a logarithm toward black.
-    pub(super) fn logarithmic_mean(&self, seen: &[f32]) -> f32 {
+    pub(super) fn logarithmic_mean(&self, levels: &[f32]) -> f32 {
         let mut sums = [(0.0f64, 0u32); Self::WINDOWS * Self::WINDOWS];
-        for (&window, &level) in self.windows.iter().zip(seen) {
+        for (&window, &level) in self.windows.iter().zip(levels) {
             sums[window].0 += f64::from(level);
             sums[window].1 += 1;
         }

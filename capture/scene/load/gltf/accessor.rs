@@ -105,7 +105,7 @@ impl<'a> Buffers<'a> {
                 normalized: false,
             };
             let offset = |offset: u64| usize::try_from(offset).ok();
-            let places: Vec<[f64; 1]> = self.entries(
+            let indices: Vec<[f64; 1]> = self.entries(
                 sparse.indices.buffer_view,
                 offset(sparse.indices.byte_offset.0)?,
                 count,
@@ -117,8 +117,8 @@ impl<'a> Buffers<'a> {
                 count,
                 layout,
             )?;
-            for ([place], replacement) in places.into_iter().zip(replacements) {
-                *values.get_mut(place as usize)? = replacement;
+            for ([index], replacement) in indices.into_iter().zip(replacements) {
+                *values.get_mut(index as usize)? = replacement;
             }
         }
         Some(values)
