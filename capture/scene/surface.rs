@@ -295,7 +295,8 @@ mod tests {
 
     #[test]
     fn validate_reports_each_violated_invariant() {
-        let cases: [(fn(&mut Scene), SceneError); 6] = [
+        type Case = (fn(&mut Scene), SceneError);
+        let cases: [Case; 6] = [
             (|s| s.triangles.clear(), SceneError::NoTriangles),
             (|s| s.positions[2].y = f64::NAN, SceneError::Position(2)),
             (
