@@ -229,26 +229,9 @@ impl<'a> PlainHome<'a> {
             DVec3::new(p.x, y.min(top(s)), p.y)
         };
         let horizontal = |v: DVec2| DVec3::new(v.x, 0.0, v.y);
-        // Ranges along the wall and in height.
         let gaps: Vec<[[f64; 2]; 2]> = openings
             .iter()
-            .filter_map(|opening| {
-                let middle = opening.in_wall() - wall.start;
-                let s = middle.dot(along);
-                let span = [
-                    (s - opening.width / 2.0).max(from),
-                    (s + opening.width / 2.0).min(to),
-                ];
-                let [low, high] = opening.heights;
-                let low = if low <= wall.bottom + 0.1 {
-                    wall.bottom
-                } else {
-                    low
-                };
-                let belongs = middle.dot(left).abs() <= half + NEAR_WALL
-                    && opening.along.perp_dot(along).abs() < MAX_SINE;
-                (belongs && span[0] < span[1] && low < high).then_some([span, [low, high]])
-            })
+            .filter_map(|opening| wall.gap(opening, along, [from, to]))
             .collect();
         self.group(format_args!("wall_{}_1", index + 1));
         // Seen from the left side, the direction from start to end is to the left.
@@ -478,6 +461,30 @@ impl<'a> PlainHome<'a> {
                 );
             }
         }
+    }
+}
+
+impl Wall {
+    /// Returns the gap that an opening leaves in the wall, a range along it and one in height, or
+    /// `None` if the opening is not in this wall. `along` is the wall's direction and `from` and
+    /// `to` are its ends.
+    fn gap(&self, opening: &Opening, along: DVec2, [from, to]: [f64; 2]) -> Option<[[f64; 2]; 2]> {
+        let left = DVec2::new(along.y, -along.x);
+        let middle = opening.in_wall() - self.start;
+        let s = middle.dot(along);
+        let span = [
+            (s - opening.width / 2.0).max(from),
+            (s + opening.width / 2.0).min(to),
+        ];
+        let [low, high] = opening.heights;
+        let low = if low <= self.bottom + 0.1 {
+            self.bottom
+        } else {
+            low
+        };
+        let is_in_wall = middle.dot(left).abs() <= self.thickness / 2.0 + NEAR_WALL
+            && opening.along.perp_dot(along).abs() < MAX_SINE;
+        (is_in_wall && span[0] < span[1] && low < high).then_some([span, [low, high]])
     }
 }
 
