@@ -30,91 +30,82 @@ const BEFORE_M: f64 = 0.02;
 /// farther away by the thickness of the wall.
 const BESIDE_M: f64 = BEFORE_M;
 
-/// Assignment of the groups of a scene. Triangles without a group are [`Portion::Facing`].
-pub(super) struct Assignment<'a> {
-    pub(super) groups: &'a [Group],
-    pub(super) portions: &'a [Portion],
+/// Assigns all triangles and sorts them by cell. Each group has a portion; triangles without a
+/// group are [`Portion::Facing`].
+pub(super) fn assign_triangles(model: &mut PortalModel, groups: &[Group], portions: &[Portion]) {
+    let cells_by_key = cells_by_key(model, groups, portions);
+    let mut by_triangle = vec![&Portion::Facing; model.scene.triangles.len()];
+    for (group, portion) in groups.iter().zip(portions) {
+        by_triangle[group.triangles.start as usize..group.triangles.end as usize].fill(portion);
+    }
+    let mut by_cell: Vec<Vec<Triangle>> = vec![Vec::new(); model.cells.len()];
+    let mut scene = std::mem::take(&mut model.scene);
+    let fallback = model.outside.unwrap_or_default();
+    let mut assign = |cell: Option<u32>, triangle: Triangle| {
+        if let Some(list) = by_cell.get_mut(cell.unwrap_or(fallback) as usize) {
+            list.push(triangle);
+        }
+    };
+    for (index, portion) in by_triangle.into_iter().enumerate() {
+        let triangle = scene.triangles[index];
+        match portion {
+            Portion::LeftOut => {}
+            Portion::Cell(cell) => assign(Some(*cell), triangle),
+            Portion::BySide(portal) => {
+                let [a, b, c] = scene.corners(index as u32);
+                let centroid = (a + b + c) / 3.0;
+                assign(cell_on_side(model, *portal, centroid), triangle);
+            }
+            Portion::Whole(key) => assign(cells_by_key.get(key.as_str()).copied(), triangle),
+            Portion::Facing => {
+                for (cell, piece) in split_by_faced_cell(model, &mut scene, triangle) {
+                    assign(cell, piece);
+                }
+            }
+        }
+    }
+    let mut end = 0;
+    for (cell, list) in model.cells.iter_mut().zip(&by_cell) {
+        cell.triangles = end..end + list.len() as u32;
+        end = cell.triangles.end;
+    }
+    scene.triangles = by_cell.concat();
+    model.scene = scene;
 }
 
-impl Assignment<'_> {
-    /// Assigns all triangles and sorts them by cell.
-    pub(super) fn apply(&self, model: &mut PortalModel) {
-        let wholes = self.cells_by_key(model);
-        let portions = self.portions_by_triangle(model.scene.triangles.len());
-        let mut by_cell: Vec<Vec<Triangle>> = vec![Vec::new(); model.cells.len()];
-        let mut scene = std::mem::take(&mut model.scene);
-        let fallback = model.outside.unwrap_or_default();
-        let mut assign = |cell: Option<u32>, triangle: Triangle| {
-            if let Some(list) = by_cell.get_mut(cell.unwrap_or(fallback) as usize) {
-                list.push(triangle);
-            }
+/// Returns the cell of each key of [`Portion::Whole`], by the area in each cell.
+fn cells_by_key<'a>(
+    model: &PortalModel,
+    groups: &[Group],
+    portions: &'a [Portion],
+) -> HashMap<&'a str, u32> {
+    let mut areas: HashMap<&str, Vec<f64>> = HashMap::new();
+    for (group, portion) in groups.iter().zip(portions) {
+        let Portion::Whole(key) = portion else {
+            continue;
         };
-        for (index, portion) in portions.into_iter().enumerate() {
-            let triangle = scene.triangles[index];
-            match portion {
-                Some(Portion::LeftOut) => {}
-                Some(Portion::Cell(cell)) => assign(Some(*cell), triangle),
-                Some(Portion::BySide(portal)) => {
-                    let [a, b, c] = scene.corners(index as u32);
-                    let centroid = (a + b + c) / 3.0;
-                    assign(cell_on_side(model, *portal, centroid), triangle);
-                }
-                Some(Portion::Whole(key)) => assign(wholes.get(key.as_str()).copied(), triangle),
-                Some(Portion::Facing) | None => {
-                    for (cell, piece) in split_by_faced_cell(model, &mut scene, triangle) {
-                        assign(cell, piece);
-                    }
-                }
+        let shares = areas
+            .entry(key)
+            .or_insert_with(|| vec![0.0; model.cells.len()]);
+        for triangle in group.triangles.clone() {
+            let [a, b, c] = model.scene.corners(triangle);
+            let cell = model.cell_at((a + b + c) / 3.0);
+            if let Some(share) = cell.and_then(|cell| shares.get_mut(cell as usize)) {
+                *share += (b - a).cross(c - a).length();
             }
         }
-        let mut end = 0;
-        for (cell, list) in model.cells.iter_mut().zip(&by_cell) {
-            cell.triangles = end..end + list.len() as u32;
-            end = cell.triangles.end;
-        }
-        scene.triangles = by_cell.concat();
-        model.scene = scene;
     }
-
-    fn portions_by_triangle(&self, count: usize) -> Vec<Option<&Portion>> {
-        let mut portions = vec![None; count];
-        for (group, portion) in self.groups.iter().zip(self.portions) {
-            portions[group.triangles.start as usize..group.triangles.end as usize]
-                .fill(Some(portion));
-        }
-        portions
-    }
-
-    /// Returns the cell of each key of [`Portion::Whole`], by the area in each cell.
-    fn cells_by_key(&self, model: &PortalModel) -> HashMap<&str, u32> {
-        let mut areas: HashMap<&str, Vec<f64>> = HashMap::new();
-        for (group, portion) in self.groups.iter().zip(self.portions) {
-            let Portion::Whole(key) = portion else {
-                continue;
-            };
-            let shares = areas
-                .entry(key)
-                .or_insert_with(|| vec![0.0; model.cells.len()]);
-            for triangle in group.triangles.clone() {
-                let [a, b, c] = model.scene.corners(triangle);
-                let cell = model.cell_at((a + b + c) / 3.0);
-                if let Some(share) = cell.and_then(|cell| shares.get_mut(cell as usize)) {
-                    *share += (b - a).cross(c - a).length();
-                }
-            }
-        }
-        let largest = |shares: &Vec<f64>| {
-            shares
-                .iter()
-                .enumerate()
-                .max_by(|a, b| a.1.total_cmp(b.1))
-                .map(|(i, _)| i as u32)
-        };
-        areas
+    let largest = |shares: &Vec<f64>| {
+        shares
             .iter()
-            .filter_map(|(&key, shares)| Some((key, largest(shares)?)))
-            .collect()
-    }
+            .enumerate()
+            .max_by(|a, b| a.1.total_cmp(b.1))
+            .map(|(i, _)| i as u32)
+    };
+    areas
+        .iter()
+        .filter_map(|(&key, shares)| Some((key, largest(shares)?)))
+        .collect()
 }
 
 /// Returns the cell of a portal on the side of a point.
@@ -300,11 +291,7 @@ mod tests {
             portals: Vec::new(),
             outside: Some(1),
         };
-        Assignment {
-            groups: &[],
-            portions: &[],
-        }
-        .apply(&mut model);
+        assign_triangles(&mut model, &[], &[]);
         let outside = &model.scene.triangles[model.cells[1].triangles.start as usize..];
         assert_eq!(
             outside

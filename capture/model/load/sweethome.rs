@@ -1,6 +1,6 @@
 //! Sweet Home 3D homes: rooms become cells, doors and windows portals.
 
-use super::assign::{Assignment, Portion};
+use super::assign::{Portion, assign_triangles};
 use super::home::{Home, Opening, Room};
 use super::leaves::closing_groups;
 use super::plain::PlainHome;
@@ -121,11 +121,7 @@ pub(super) fn load(path: &Path, options: &ModelOptions) -> Result<LoadedModel, L
     let portions = assign_groups(&model, &grouped.groups, &doors, options, &mut notes);
     model.scene.summary.notes.extend(notes);
     model.scene.name = file_stem(path);
-    Assignment {
-        groups: &grouped.groups,
-        portions: &portions,
-    }
-    .apply(&mut model);
+    assign_triangles(&mut model, &grouped.groups, &portions);
     Ok(LoadedModel::new(model, findings))
 }
 

@@ -1,7 +1,7 @@
 //! TOML portal models; the format is described at [`super::load_model`].
 
 use super::LoadedModel;
-use super::assign::{Assignment, Portion};
+use super::assign::{Portion, assign_triangles};
 use crate::{Cell, Portal, PortalModel, Prism};
 use glam::{DVec2, DVec3};
 use headbox_core::file_frame::{FileFrame, UpAxis};
@@ -186,11 +186,7 @@ pub(super) fn load(path: &Path) -> Result<LoadedModel, LoadError> {
                 .push(format!("the scene file has no group \"{unmatched}\""));
         }
     }
-    Assignment {
-        groups: &grouped.groups,
-        portions: &portions,
-    }
-    .apply(&mut model);
+    assign_triangles(&mut model, &grouped.groups, &portions);
     Ok(LoadedModel::new(model, findings))
 }
 

@@ -30,6 +30,16 @@ pub(super) struct Builder {
     hints: Option<FrameHints>,
 }
 
+/// Error of a scene whose vertex indices would need more than 32 bits.
+pub(super) struct TooManyVertices;
+
+impl TooManyVertices {
+    /// Converts to an error of loading `path`.
+    pub(super) fn in_file(self, path: &Path) -> LoadError {
+        LoadError::malformed(path, "it has more than 2^32 vertices")
+    }
+}
+
 /// A scene and the groups of its file.
 #[derive(Clone, Debug)]
 pub struct GroupedScene {
@@ -84,13 +94,14 @@ impl Builder {
         end
     }
 
-    /// Returns the index of the first of `count` new vertices, or `None` if the last one needs more
-    /// than 32 bits.
-    pub(super) fn next_vertex(&self, count: usize) -> Option<u32> {
+    /// Returns the index of the first of `count` new vertices.
+    ///
+    /// # Errors
+    /// If the index of the last one needs more than 32 bits.
+    pub(super) fn next_vertex(&self, count: usize) -> Result<u32, TooManyVertices> {
         let first = self.scene.positions.len();
-        u32::try_from(first.checked_add(count)?)
-            .ok()
-            .and(u32::try_from(first).ok())
+        u32::try_from(first.saturating_add(count)).map_err(|_| TooManyVertices)?;
+        Ok(first as u32)
     }
 
     /// Adds a vertex in the file's axes and unit. Attributes that are not finite become neutral,

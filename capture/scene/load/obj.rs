@@ -14,7 +14,7 @@
 //! * Triangles with an opacity (`d`, `Tr`) below one half and no map of it are left out, because
 //!   diffuse scenes have no clear glass; others are opaque.
 
-use super::builder::{Builder, GroupedScene};
+use super::builder::{Builder, GroupedScene, TooManyVertices};
 use super::lines::decode;
 use super::mtl::{Map, MtlMaterial};
 use super::notes::{Note, Notes};
@@ -107,9 +107,7 @@ fn build(
         }
         surfaces
             .push_mesh(&model.mesh, &mut builder)
-            .map_err(|TooManyVertices| {
-                LoadError::malformed(path, "it has more than 2^32 vertices")
-            })?;
+            .map_err(|error| error.in_file(path))?;
     }
     builder.finish(path, surfaces.materials, surfaces.textures.textures)
 }
@@ -164,8 +162,6 @@ fn read_libraries(libraries: &[String], folder: &Path, notes: &mut Notes) -> Vec
     }
     materials
 }
-
-struct TooManyVertices;
 
 /// Converted materials in use.
 struct ObjMaterials {
@@ -276,9 +272,7 @@ impl ObjMaterials {
             return Ok(());
         };
 
-        let first = builder
-            .next_vertex(mesh.positions.len() / 3)
-            .ok_or(TooManyVertices)?;
+        let first = builder.next_vertex(mesh.positions.len() / 3)?;
         let triples = |values: &[f64]| {
             values
                 .chunks_exact(3)

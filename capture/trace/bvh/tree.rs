@@ -122,12 +122,9 @@ impl Block {
         more: false,
     };
 
-    /// Adds a triangle; ignored if the block is full.
+    /// Adds a triangle to a block that is not full.
     pub(super) fn push(&mut self, primitive: u32, triangle: [Vec3; 3], cutout: bool) {
         let slot = usize::from(self.len);
-        if slot == BLOCK {
-            return;
-        }
         for (vertex, position) in triangle.into_iter().enumerate() {
             for axis in 0..3 {
                 self.vertices[vertex][axis][slot] = position[axis];

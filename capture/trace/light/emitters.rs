@@ -15,38 +15,24 @@ use headbox_core::color::luminance;
 use headbox_scene::scene::Surface;
 use std::f32::consts::PI;
 
-/// Emissive triangles of a scene.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub(super) struct Emitters {
-    /// Sampling structure; the lights' ids are triangle indices.
-    tree: LightTree,
-}
-
-impl Emitters {
-    pub(super) fn new(tracer: &Tracer) -> Self {
-        let scene = tracer.scene();
-        let leaf = |primitive: u32| {
-            let material = &scene.materials[scene.triangles[primitive as usize].material as usize];
-            if material.emission.iter().all(|&c| c <= 0.0) {
-                return None;
-            }
-            let corners @ [a, b, c] = tracer.triangle(primitive);
-            let power = area(corners) * luminance(scene.mean_emission(primitive));
-            let bounds = [a.min(b).min(c), a.max(b).max(c)];
-            (power > 0.0 && power.is_finite()).then_some(Leaf {
-                bounds,
-                power,
-                id: primitive,
-            })
-        };
-        Self {
-            tree: LightTree::new((0..scene.triangles.len() as u32).filter_map(leaf).collect()),
+/// Builds the light tree of a scene's emissive triangles; the lights' ids are triangle indices.
+pub(super) fn emitter_tree(tracer: &Tracer) -> LightTree {
+    let scene = tracer.scene();
+    let leaf = |primitive: u32| {
+        let material = &scene.materials[scene.triangles[primitive as usize].material as usize];
+        if material.emission.iter().all(|&c| c <= 0.0) {
+            return None;
         }
-    }
-
-    pub(super) fn is_empty(&self) -> bool {
-        self.tree.is_empty()
-    }
+        let corners @ [a, b, c] = tracer.triangle(primitive);
+        let power = area(corners) * luminance(scene.mean_emission(primitive));
+        let bounds = [a.min(b).min(c), a.max(b).max(c)];
+        (power > 0.0 && power.is_finite()).then_some(Leaf {
+            bounds,
+            power,
+            id: primitive,
+        })
+    };
+    LightTree::new((0..scene.triangles.len() as u32).filter_map(leaf).collect())
 }
 
 /// Returns the area of a triangle, square metres.
@@ -69,10 +55,7 @@ impl Lighting {
         if self.emitters.is_empty() {
             return Vec3::ZERO;
         }
-        let sampled = self
-            .emitters
-            .tree
-            .sample(point, sample.single(dimension + 1));
+        let sampled = self.emitters.sample(point, sample.single(dimension + 1));
         let Some((primitive, probability)) = sampled.filter(|(_, probability)| *probability > 0.0)
         else {
             return Vec3::ZERO;
@@ -153,7 +136,7 @@ impl Lighting {
             .dot(surface.normal)
             .abs()
             .max(f32::MIN_POSITIVE);
-        let probability = self.emitters.tree.probability(point, hit.primitive);
+        let probability = self.emitters.probability(point, hit.primitive);
         let density =
             probability * hit.t * hit.t / (area(tracer.triangle(hit.primitive)) * cos_there);
         Vec3::from_array(surface.emission) * (ray_density / (density + ray_density))

@@ -25,12 +25,12 @@ pub use arrival::Arrival;
 
 use crate::bvh::{Hit, Ray, Tracer};
 use crate::sampler::{random4, unit_float};
-use emitters::Emitters;
 use glam::Vec3;
 use guide::{Directions, Guide};
 use headbox_core::color::luminance;
 use headbox_core::tone::ToneMap;
 use headbox_scene::scene::{Sky, Sun, Surface};
+use light_tree::LightTree;
 use pilot::{Pilot, PilotPoint, percentile};
 use rayon::prelude::*;
 use sharp::LocalLamp;
@@ -61,7 +61,8 @@ pub struct Lighting {
     pub sky: Option<Sky>,
     /// Punctual lamps (without a surface), in the tracer's local frame.
     lamps: Vec<LocalLamp>,
-    emitters: Emitters,
+    /// Emissive triangles.
+    emitters: LightTree,
     guide: Guide,
     /// Fill light.
     pub fill: FillLight,
@@ -236,7 +237,7 @@ impl Lighting {
             sun: scene.sun,
             sky: scene.sky.clone(),
             lamps: sharp::local_lamps(tracer),
-            emitters: Emitters::new(tracer),
+            emitters: emitters::emitter_tree(tracer),
             guide: Guide::default(),
             fill: FillLight::default(),
             bounces,

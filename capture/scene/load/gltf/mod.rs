@@ -16,7 +16,7 @@ mod primitive;
 mod raw_json;
 mod uri;
 
-use super::builder::{Builder, GroupedScene};
+use super::builder::{Builder, GroupedScene, TooManyVertices};
 use super::notes::{Note, Notes};
 use super::orientation::FrameHints;
 use super::{LoadError, LoadOptions, folder_of};
@@ -99,7 +99,7 @@ pub(super) fn load(
     let surfaces = GltfMaterials::read(&root, &raw, &buffers, path, &mut notes);
     let mut builder = Builder::new(frame, notes);
     push_nodes(&root, &raw, &buffers, &surfaces, &mut builder, groups)
-        .map_err(|TooManyVertices| LoadError::malformed(path, "it has more than 2^32 vertices"))?;
+        .map_err(|error| error.in_file(path))?;
     if options.up.is_none() || options.unit_m.is_none() {
         builder.report_doubts(&FrameHints {
             options: *options,
@@ -150,8 +150,6 @@ fn parse(path: &Path, bytes: &[u8]) -> Result<(Root, RawJson, Option<Vec<u8>>), 
     );
     Ok((root, raw, glb.bin.map(Into::into)))
 }
-
-struct TooManyVertices;
 
 /// Returns the nodes of the default scene (of all trees if there is no scene), depth first, with
 /// their world transforms.

@@ -1,8 +1,7 @@
 //! Triangles of a primitive.
 
-use super::super::builder::Builder;
+use super::super::builder::{Builder, TooManyVertices};
 use super::super::notes::Note;
-use super::TooManyVertices;
 use super::accessor::Buffers;
 use super::attributes::{Attributes, cofactors};
 use super::material::GltfMaterial;
@@ -69,8 +68,7 @@ pub(super) fn push_primitive(
         return Ok(());
     };
     for &world_from_node in instances {
-        let first =
-            push_vertices(&attributes, world_from_node, surface, builder).ok_or(TooManyVertices)?;
+        let first = push_vertices(&attributes, world_from_node, surface, builder)?;
         let is_mirrored = world_from_node.matrix3.determinant() < 0.0;
         for &[a, b, c] in &valid {
             let [b, c] = if is_mirrored { [c, b] } else { [b, c] };
@@ -81,14 +79,13 @@ pub(super) fn push_primitive(
     Ok(())
 }
 
-/// Adds the vertices of a primitive. Returns the index of the first, or `None` if there are too
-/// many.
+/// Adds the vertices of a primitive. Returns the index of the first.
 fn push_vertices(
     attributes: &Attributes,
     world_from_node: DAffine3,
     surface: GltfMaterial,
     builder: &mut Builder,
-) -> Option<u32> {
+) -> Result<u32, TooManyVertices> {
     let first = builder.next_vertex(attributes.positions.len())?;
     let normal_from_node = cofactors(world_from_node.matrix3);
     for (i, &position) in attributes.positions.iter().enumerate() {
@@ -112,7 +109,7 @@ fn push_vertices(
                 .map_or(Vec3::ONE, |&c| DVec3::from(c).as_vec3()),
         });
     }
-    Some(first)
+    Ok(first)
 }
 
 fn triangles(mode: Mode, corners: &[usize]) -> Vec<[usize; 3]> {
