@@ -305,7 +305,7 @@ impl BorderSearch<'_> {
             .fold(0.0, f64::max);
         let beyond = SpaceBeyond {
             gap,
-            ..run.first()?.beyond
+            ..run[0].beyond
         };
         let open = || {
             run.iter()
