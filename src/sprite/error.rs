@@ -1,21 +1,21 @@
 //! Errors of sprites.
 
-/// Why a sprite could not be made.
+/// Error of creating a sprite.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum SpriteError {
-    /// Two pictures that belong together differ in size (width and height in pixels).
+    /// Two images that belong together differ in size (width and height in pixels).
     #[error("the {a} has {}x{} pixels, the {b} {}x{}; they must be equal", a_size.0, a_size.1, b_size.0, b_size.1)]
     SizeMismatch {
-        /// One picture.
+        /// Name of one image.
         a: &'static str,
         /// Its size.
         a_size: (u32, u32),
-        /// The other.
+        /// Name of the other image.
         b: &'static str,
         /// Its size.
         b_size: (u32, u32),
     },
-    /// The displacement is finer than the picture.
+    /// The displacement is finer than the image.
     #[error("a displacement of {}x{} for a picture of {}x{} pixels; it may be coarser, not finer",
         displacement.0, displacement.1, color.0, color.1)]
     DisplacementSize {
@@ -24,7 +24,7 @@ pub enum SpriteError {
         /// Columns and rows.
         color: (u32, u32),
     },
-    /// Number of values that differs from the number of pixels.
+    /// The number of values differs from the number of pixels.
     #[error("{found} values for {expected} pixels")]
     Count {
         /// Pixels.
@@ -35,10 +35,10 @@ pub enum SpriteError {
     /// A displacement or its scale is NaN or infinite.
     #[error("a displacement is not a finite number")]
     NotFinite,
-    /// No pixel that is not transparent has a depth.
+    /// No visible pixel has a depth.
     #[error("no visible pixel has a valid depth (a finite number above 0)")]
     NoValidDepth,
-    /// Depth-buffer values need the planes that they were made with.
+    /// The near and far planes of window depths are invalid.
     #[error(
         "window depth needs a near and a far plane with 0 < near < far (far may be infinite); got {near} and {far}"
     )]
@@ -54,8 +54,8 @@ pub enum SpriteError {
 }
 
 impl SpriteError {
-    /// Checks that two pictures have one size.
-    pub(super) fn check_sizes(
+    /// Checks that two images have the same size.
+    pub(crate) fn check_sizes(
         a: &'static str,
         a_size: (u32, u32),
         b: &'static str,

@@ -1,11 +1,11 @@
 //! Sprites with depth (Shade et al. 1998, section 3; S2 to S9, corrected by C4 to C7 and C30).
 //!
-//! A [`Sprite`] is an alpha-matted picture taken by a camera, and a plane through what it shows. A
-//! [`SpriteWithDepth`] adds a *displacement* per pixel: how far the surface lies off the plane,
-//! towards the camera positive, divided by the eye depth (`d1` in the paper; dimensionless). A new
-//! view is drawn in two passes: `forward` moves the displacements by pure parallax, then `backward`
-//! walks over the output once, takes each pixel through the plane's homography into the moved
-//! displacements, from there to its place in the picture, and samples it.
+//! A [`Sprite`] is an alpha-matted image taken by a camera, and a plane through its surfaces. A
+//! [`SpriteWithDepth`] adds a *displacement* per pixel: signed distance of the surface off the
+//! plane, positive towards the camera, divided by eye depth (`d1` in the paper; dimensionless). A
+//! new view is drawn in two passes: `forward` moves the displacements by pure parallax; `backward`
+//! visits each output pixel once, maps it by the plane's homography into the moved displacements
+//! and from there to a position in the image, and samples the image there.
 //!
 //! | paper | here |
 //! |---|---|
@@ -15,8 +15,8 @@
 //! | forward mapping of colours (Eq. 4), what the paper argues against | `splat` |
 //! | sprites of a sequence of photographs (S10) | `from_layers`, of [`headbox_images::planar_layers`] |
 //!
-//! Distances across the picture are in pixels, centres at half-integers; output frames are 8-bit
-//! sRGB, premultiplied.
+//! Image positions are in pixels, pixel centres at half-integers; output frames are 8-bit sRGB,
+//! premultiplied.
 
 pub mod compose;
 mod error;
@@ -36,14 +36,14 @@ pub use crate::model::plane::SpritePlane;
 pub use crate::model::set::visible_points;
 pub use crate::model::set::{SpriteInfo, SpriteSet};
 pub use crate::warp::layer::SpriteLayer;
-pub(crate) use crate::warp::layer::straight;
+pub(crate) use crate::warp::layer::unpremultiply;
 pub use crate::warp::render::{PreparedSprite, RenderOptions, SpriteRenderer, SpriteVariant};
 pub use crate::warp::sampling::SpriteSampling;
 pub use crate::warp::transfer::{Outcome, SpriteTransfer};
 pub use error::SpriteError;
 pub use headbox_images::DepthPicture;
 
-/// Numbers of the two passes that whoever draws like them has to know.
+/// Constants of the two passes, for exporters that draw in the same way.
 pub mod rules {
     pub use crate::warp::cell::STEEPEST;
     pub use crate::warp::field::SMOOTHING_ROUNDS;
@@ -57,9 +57,9 @@ use glam::DVec3;
 use headbox_core::camera::Camera;
 use image::RgbaImage;
 
-/// An alpha-matted picture on a plane (S2).
+/// An alpha-matted image on a plane (S2).
 ///
-/// Invariants: the picture has the camera's size; the camera's eye is on the positive side of the
+/// Invariants: the image has the camera's size; the camera's eye is on the positive side of the
 /// plane.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sprite {
@@ -69,11 +69,11 @@ pub struct Sprite {
 }
 
 impl Sprite {
-    /// A sprite of a picture (8-bit sRGB, straight alpha) as `camera` saw it. The plane is turned
-    /// so that the eye is on its positive side.
+    /// Creates a sprite from an image (8-bit sRGB, straight alpha) taken by `camera`. The plane is
+    /// oriented so that the eye is on its positive side.
     ///
     /// # Errors
-    /// [`SpriteError::SizeMismatch`] if picture and camera differ in size,
+    /// [`SpriteError::SizeMismatch`] if image and camera differ in size,
     /// [`SpriteError::PlaneThroughEye`] if the plane is seen edge-on or is not finite.
     pub fn new(color: RgbaImage, camera: Camera, plane: SpritePlane) -> Result<Self, SpriteError> {
         SpriteError::check_sizes(
@@ -83,8 +83,8 @@ impl Sprite {
             (camera.width(), camera.height()),
         )?;
         let plane = plane.facing(camera.eye());
-        // A plane closer to the eye than a millionth of a pixel's width at unit depth cannot be
-        // told from one through it.
+        // A plane closer to the eye than a millionth of a pixel's width at unit depth is
+        // indistinguishable from one through it.
         let distance = plane.signed_distance(camera.eye());
         if !plane.is_finite() || !camera.eye().is_finite() || distance.is_nan() || distance <= 1e-9
         {
@@ -97,12 +97,12 @@ impl Sprite {
         })
     }
 
-    /// The picture: 8-bit sRGB, straight alpha.
+    /// The image: 8-bit sRGB, straight alpha.
     pub fn color(&self) -> &RgbaImage {
         &self.color
     }
 
-    /// The camera that took it.
+    /// The camera that took the image.
     pub fn camera(&self) -> &Camera {
         &self.camera
     }
@@ -120,7 +120,7 @@ impl Sprite {
             f64::from(camera.width()) / 2.0,
             f64::from(camera.height()) / 2.0,
         );
-        // Where the axis misses the plane, the foot of the perpendicular stands for the middle.
+        // If the axis misses the plane, the foot of the perpendicular from the eye is used.
         if axis > 0.0 {
             camera.eye() + camera.forward() / axis
         } else {
@@ -129,9 +129,9 @@ impl Sprite {
     }
 }
 
-/// A sprite and how far each pixel's surface lies off its plane.
+/// A sprite and a displacement per pixel, off its plane.
 ///
-/// Invariant: every displacement is finite. Its resolution may be lower than the picture's (S4).
+/// Invariant: every displacement is finite. It may be coarser than the image (S4).
 #[derive(Clone, Debug, PartialEq)]
 pub struct SpriteWithDepth {
     sprite: Sprite,
@@ -139,11 +139,11 @@ pub struct SpriteWithDepth {
 }
 
 impl SpriteWithDepth {
-    /// Puts the two together.
+    /// Combines a sprite with its displacement.
     ///
     /// # Errors
     /// [`SpriteError::DisplacementSize`] if the displacement has more columns or rows than the
-    /// picture.
+    /// image.
     pub fn new(sprite: Sprite, displacement: Displacement) -> Result<Self, SpriteError> {
         let (displacement_size, color) = (displacement.size(), sprite.color.dimensions());
         if displacement_size.0 > color.0 || displacement_size.1 > color.1 {
@@ -158,7 +158,7 @@ impl SpriteWithDepth {
         })
     }
 
-    /// Picture, camera and plane.
+    /// Image, camera and plane.
     pub fn sprite(&self) -> &Sprite {
         &self.sprite
     }

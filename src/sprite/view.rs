@@ -19,17 +19,16 @@ use std::time::Instant;
 /// Name of the representation.
 pub const KIND: &str = "sprites";
 
-/// Most steps of gap filling.
+/// Maximum number of gap-filling steps.
 const MAX_FILL_STEPS: u32 = 64;
 
-/// The orbit comes as near to its pivot as this share of the distance of the camera that took the
-/// picture.
+/// Smallest orbit radius as a share of the distance between the pivot and the first eye position.
 const NEAREST_SHARE: f64 = 0.1;
 
-/// Overlays of layers.
+/// Overlays, the default first.
 const OVERLAYS: [&str; 2] = ["none", "holes"];
 
-/// Names of variants in the papers, beside ours.
+/// Variant names of the papers, each with ours.
 const ALIASES: [(&str, &str); 4] = [
     ("crude", "one-pass"),
     ("field", "shift-field"),
@@ -43,22 +42,22 @@ const SAMPLINGS: [(&str, SpriteSampling); 2] = [
     ("nearest", SpriteSampling::Nearest),
 ];
 
-/// First view of layers, and the frame in which their cameras are written.
+/// Initial view of a [`LayersView`], and axes and unit of the cameras that it exports.
 #[derive(Clone, Copy, Debug)]
 pub struct LayersStart {
-    /// First view.
+    /// Initial view.
     pub view: StartView,
-    /// Size of a frame if nothing else is asked for, pixels.
+    /// Default frame size, pixels.
     pub size_px: [u32; 2],
     /// Axes and unit.
     pub file_frame: FileFrame,
 }
 
-/// Sprites, cube LDIs and models of one world, drawn over each other.
+/// View of sprites, cube LDIs and polygon models in one world, composited in one frame.
 pub struct LayersView {
     layers: Composition,
     start: LayersStart,
-    /// Point about which the eye circles, if the layers are sprites alone.
+    /// Pivot of the orbit, world metres; `None` unless all layers come from one sprite file.
     pivot: Option<DVec3>,
     composer: Composer,
     frame: Frame,
@@ -68,7 +67,7 @@ pub struct LayersView {
 }
 
 impl LayersView {
-    /// The sprites of a file; `None` if there are none.
+    /// Creates the view of a sprite file; `None` if it has no sprites.
     pub fn of_sprites(set: SpriteSet) -> Option<Self> {
         let start = Self::start_of_sprites(&set)?;
         let pivot = start.view.eye + start.view.forward * middle_depth(&set)?;
@@ -79,7 +78,7 @@ impl LayersView {
         })
     }
 
-    /// Layers of any kind.
+    /// Creates the view of layers of any kind.
     pub fn of_layers(layers: Composition, start: LayersStart) -> Self {
         Self {
             layers,
@@ -98,7 +97,7 @@ impl LayersView {
         &self.layers
     }
 
-    /// Camera of the first sprite; `None` if there are no sprites.
+    /// Returns the initial view: the first sprite's camera; `None` without sprites.
     pub fn start_of_sprites(set: &SpriteSet) -> Option<LayersStart> {
         let camera = set.sprites().first()?.sprite().sprite().camera();
         Some(LayersStart {
@@ -108,7 +107,7 @@ impl LayersView {
         })
     }
 
-    /// The settings of sprites alone.
+    /// Settings of sprites without other layers.
     pub fn sprite_settings() -> Vec<Setting> {
         let selected = SpriteVariant::ALL
             .iter()
@@ -143,10 +142,8 @@ impl LayersView {
             overlay_setting(),
         ]
     }
-}
 
-impl LayersView {
-    /// The settings of several layers, beside those of each.
+    /// Settings of several layers, in addition to those of each kind.
     pub fn layer_settings() -> Vec<Setting> {
         let by_depth = Setting::toggle(
             "by-depth",
@@ -169,8 +166,9 @@ fn overlay_setting() -> Setting {
     .with_flag(OVERLAY)
 }
 
-/// Median depth of the sprites in the middle of the first one's picture: there parallax goes both
-/// ways. 1 m if none has a depth there.
+/// Returns the median eye depth of the sprites' planes at the centre of the first sprite's image,
+/// metres: an orbit about that depth shows parallax in both directions. 1 m if no plane is there;
+/// `None` without sprites.
 fn middle_depth(set: &SpriteSet) -> Option<f64> {
     let camera = set.sprites().first()?.sprite().sprite().camera();
     let [x, y] = [camera.width(), camera.height()].map(|size| f64::from(size) / 2.0);
@@ -279,13 +277,9 @@ impl View for LayersView {
             settings.retain(|setting| setting.id != OVERLAY);
         }
         if !self.layers.cubes().is_empty() {
-            let shared = ["kernel", "keep-holes"];
-            let cubes = CubeView::setting_table();
-            settings.extend(
-                cubes
-                    .into_iter()
-                    .filter(|setting| shared.contains(&setting.id)),
-            );
+            let mut cube_settings = CubeView::setting_table();
+            cube_settings.retain(|setting| ["kernel", "keep-holes"].contains(&setting.id));
+            settings.extend(cube_settings);
         }
         settings.extend(Self::layer_settings());
         settings
@@ -323,26 +317,19 @@ impl View for LayersView {
             ..FrameReport::default()
         };
         if !self.layers.cubes().is_empty() {
-            let counts = [
-                ("depth pixels in", stats.depth_pixels_in),
-                ("splatted", stats.splatted),
-            ];
-            let figures = counts.map(|(name, count)| figure(name, count as f64, ""));
-            report.figures.extend(figures);
+            report.figures.extend([
+                figure("depth pixels in", stats.depth_pixels_in as f64, ""),
+                figure("splatted", stats.splatted as f64, ""),
+            ]);
         }
-        if OVERLAYS.get(request.settings.choice(OVERLAY)?) != Some(&"holes") {
-            return Ok(Rendered {
-                frame: &self.frame,
-                report,
-            });
+        let mut frame = &self.frame;
+        if OVERLAYS.get(request.settings.choice(OVERLAY)?) == Some(&"holes") {
+            self.painted.clone_from(&self.frame);
+            paint_holes(&self.frame, &mut self.painted.color);
+            report.legend = hole_legend();
+            frame = &self.painted;
         }
-        self.painted.clone_from(&self.frame);
-        paint_holes(&self.frame, &mut self.painted.color);
-        report.legend = hole_legend();
-        Ok(Rendered {
-            frame: &self.painted,
-            report,
-        })
+        Ok(Rendered { frame, report })
     }
 
     fn statistics(&mut self, _: &FrameRequest) -> Statistics {

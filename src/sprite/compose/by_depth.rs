@@ -1,21 +1,21 @@
-//! Layers over each other pixel by pixel, by depth (the z-buffer of S25, D14): what reaches through
-//! each other comes out right.
+//! Compositing of layers by depth, pixel by pixel (the z-buffer of S25, D14): correct for layers
+//! that intersect.
 
-use super::laid_over;
+use super::blend_over;
 use headbox_cube::render::canvas::linear::LinearLight;
 use rayon::prelude::*;
 
-/// A layer's picture, row-major.
+/// Rendered layer with depth, row-major.
 #[derive(Default)]
-pub(super) struct LayerPicture {
-    /// Straight colours, sRGB, each with the share of 255 of its pixel that it covers.
+pub(super) struct LayerImage {
+    /// Straight sRGB colours, with coverage in units of 1/255 as alpha.
     pub(super) colors: Vec<[u8; 4]>,
-    /// 1 / eye depth, 1/m, of what covers the pixel; 0 at infinity.
+    /// Inverse eye depth of each pixel, 1/m; 0 at infinity.
     pub(super) inverse_depth: Vec<f32>,
 }
 
-impl LayerPicture {
-    /// Takes a picture, pixel by pixel.
+impl LayerImage {
+    /// Replaces colours and inverse depths.
     pub(super) fn set(
         &mut self,
         colors: impl IndexedParallelIterator<Item = [u8; 4]>,
@@ -26,28 +26,28 @@ impl LayerPicture {
     }
 }
 
-/// Lays the nearest of each pixel over the farther ones; of equally near ones the later. `to` takes
-/// straight colours with shares.
+/// Composites the layers into `to`, each pixel from far to near; among equal depths the later layer
+/// is in front. `to` receives straight colours with coverage.
 ///
-/// A pixel has one depth in each layer: where a layer shows two of its own surfaces in a pixel,
-/// another layer's surface between them comes out before or behind both.
-pub(super) fn lay_by_depth(layers: &[LayerPicture], to: &mut [[u8; 4]]) {
-    /// Pixels that a thread takes at least.
-    const AT_LEAST: usize = 1 << 12;
+/// A pixel has one depth in each layer: if a layer has two surfaces in a pixel, another layer's
+/// surface between them is drawn in front of both or behind both.
+pub(super) fn composite_by_depth(layers: &[LayerImage], to: &mut [[u8; 4]]) {
+    /// Minimum number of pixels per thread.
+    const MIN_PIXELS_PER_THREAD: usize = 1 << 12;
     let light = LinearLight::tables();
-    to.par_chunks_mut(AT_LEAST)
+    to.par_chunks_mut(MIN_PIXELS_PER_THREAD)
         .enumerate()
-        .for_each_init(Vec::new, |found, (chunk, to)| {
+        .for_each_init(Vec::new, |fragments, (chunk, to)| {
             for (pixel, to) in to.iter_mut().enumerate() {
-                let i = chunk * AT_LEAST + pixel;
-                found.clear();
-                found.extend(layers.iter().filter_map(|layer| {
+                let i = chunk * MIN_PIXELS_PER_THREAD + pixel;
+                fragments.clear();
+                fragments.extend(layers.iter().filter_map(|layer| {
                     let color = *layer.colors.get(i)?;
                     (color[3] > 0).then_some((*layer.inverse_depth.get(i)?, color))
                 }));
-                found.sort_by(|(a, _): &(f32, [u8; 4]), (b, _)| a.total_cmp(b));
-                *to = found.iter().fold([0; 4], |behind, &(_, front)| {
-                    laid_over(light, front, behind)
+                fragments.sort_by(|(a, _): &(f32, [u8; 4]), (b, _)| a.total_cmp(b));
+                *to = fragments.iter().fold([0; 4], |behind, &(_, front)| {
+                    blend_over(light, front, behind)
                 });
             }
         });
@@ -61,33 +61,32 @@ mod tests {
     fn the_nearest_of_each_pixel_is_in_front() {
         let (red, blue) = ([200, 0, 0, 255], [0, 0, 200, 255]);
         let layers = [
-            LayerPicture {
+            LayerImage {
                 colors: vec![red; 4],
                 inverse_depth: vec![0.5, 1.5, 1.0, 0.5],
             },
-            LayerPicture {
+            LayerImage {
                 colors: vec![blue, blue, blue, [0, 0, 200, 0]],
                 inverse_depth: vec![1.0, 1.0, 1.0, 9.0],
             },
         ];
         let mut laid = [[7; 4]; 4];
-        lay_by_depth(&layers, &mut laid);
+        composite_by_depth(&layers, &mut laid);
         assert_eq!(laid, [blue, red, blue, red]);
-        lay_by_depth(&[], &mut laid);
+        composite_by_depth(&[], &mut laid);
         assert_eq!(laid, [[0; 4]; 4]);
     }
 
     #[test]
     fn partial_coverage_lets_farther_through() {
         let half = |color: [u8; 3]| [color[0], color[1], color[2], 128];
-        let layers = [([255; 3], 3.0), ([0; 3], 2.0), ([255, 0, 0], 1.0)].map(|(color, depth)| {
-            LayerPicture {
+        let layers =
+            [([255; 3], 3.0), ([0; 3], 2.0), ([255, 0, 0], 1.0)].map(|(color, depth)| LayerImage {
                 colors: vec![half(color)],
                 inverse_depth: vec![depth],
-            }
-        });
+            });
         let mut laid = [[0; 4]];
-        lay_by_depth(&layers, &mut laid);
+        composite_by_depth(&layers, &mut laid);
         // In linear light: half white, a quarter black, an eighth red, over a share of 7/8.
         assert!(
             laid[0][3] > 220 && laid[0][0] > laid[0][1] && laid[0][1] > 190,

@@ -1,21 +1,21 @@
-//! Sprites with depth, cube LDIs and polygons in one frame (S25): each layer is drawn by its own
-//! renderer, and the layers are laid over each other back to front, over the environment.
+//! Composition of sprites with depth, cube LDIs and polygons in one frame (S25): each layer is
+//! drawn by its own renderer, and the layers are composited back to front over the environment.
 //!
-//! Layers blend in linear light, as splats do: a cube LDI alone is, but for its thinnest rims, the
-//! frame that it would be without the others. A layer is drawn whole, and layers that reach through
-//! each other come out in the order of their larger parts; or, at extra cost, pixel by pixel
-//! ([`ComposeSettings::by_depth`]). Polygons are compared with cube LDIs splat by splat: they stand
-//! in the frame before it is drawn (`polygons.rs`).
+//! Layers blend in linear light, as splats do: apart from its thinnest rims, a cube LDI alone gives
+//! the same frame as its own renderer. By default layers are composited whole, and intersecting
+//! layers in the order of their larger parts; optionally, at extra cost, pixel by pixel
+//! ([`ComposeSettings::by_depth`]). Between polygons and cube LDIs the depth test is per splat:
+//! polygons are in the frame before a cube LDI is drawn (`polygons.rs`).
 
 mod by_depth;
 mod order;
+mod polygon_raster;
 mod polygons;
-mod stand;
 
 pub use polygons::{Polygons, PolygonsError, place};
 
-use crate::{Outcome, RenderOptions, SpriteLayer, SpriteRenderer, SpriteSet, straight};
-use by_depth::{LayerPicture, lay_by_depth};
+use crate::{Outcome, RenderOptions, SpriteLayer, SpriteRenderer, SpriteSet, unpremultiply};
+use by_depth::{LayerImage, composite_by_depth};
 use glam::DVec3;
 use headbox_core::camera::Camera;
 use headbox_core::environment::Environment;
@@ -26,9 +26,9 @@ use headbox_cube::render::canvas::linear::LinearLight;
 use headbox_cube::render::resolve::composite::{EnvironmentBackground, Pixels};
 use headbox_cube::render::{RenderSettings, Renderer};
 use order::CubePoints;
+use polygon_raster::PolygonRaster;
 use rayon::prelude::*;
 use serde::Serialize;
-use stand::PolygonRaster;
 use std::time::Instant;
 
 /// A layer of a [`Composition`].
@@ -58,9 +58,8 @@ pub struct ComposeSettings {
     pub sprites: RenderOptions,
     /// The cube LDIs.
     pub cubes: RenderSettings,
-    /// Lays layers over each other pixel by pixel, by depth, instead of whole: slower, and right
-    /// where they reach through each other. A sprite's depth is that of its plane. Always so where
-    /// there are polygons.
+    /// Composites layers pixel by pixel, by depth, instead of whole: slower, but correct where
+    /// layers intersect. A sprite's depth is that of its plane. Always on if there are polygons.
     pub by_depth: bool,
 }
 
@@ -71,40 +70,40 @@ pub struct ComposeStats {
     pub outcomes: Vec<Outcome>,
     /// The layers from back to front.
     pub order: Vec<Layer>,
-    /// Drawing the sprites, ms.
+    /// Time to draw the sprites, ms.
     pub sprites_ms: f64,
-    /// Drawing the cube LDIs, ms.
+    /// Time to draw the cube LDIs, ms.
     pub cubes_ms: f64,
-    /// Drawing the polygons, ms.
+    /// Time to draw the polygons, ms.
     pub polygons_ms: f64,
-    /// Finding the order, laying the layers over each other and over the environment, ms.
+    /// Time to sort the layers and to composite them over the environment, ms.
     pub compose_ms: f64,
-    /// Depth pixels of the cube LDIs that reached the inner loop.
+    /// Number of depth pixels of the cube LDIs that reached the inner loop.
     pub depth_pixels_in: u64,
-    /// Splats drawn.
+    /// Number of splats drawn.
     pub splatted: u64,
-    /// Pixels of which nothing is known.
+    /// Number of hole pixels: neither a layer nor the environment covers them.
     pub hole_pixels: u64,
 }
 
-/// Buffers reused from frame to frame.
+/// Renderers and buffers, reused from frame to frame.
 #[derive(Default)]
 pub struct Composer {
     sprites: SpriteRenderer,
     cubes: Renderer,
-    /// One sprite.
+    /// Output of one sprite.
     layer: SpriteLayer,
     polygons: PolygonRaster,
-    /// Image of each layer, where depths are compared.
-    pictures: Vec<LayerPicture>,
+    /// Image of each layer, if layers are composited by depth.
+    images: Vec<LayerImage>,
 }
 
 impl Composition {
-    /// Puts layers together. The environment is that of the first cube LDI that has one, else that
+    /// Creates a composition. The environment is that of the first cube LDI that has one, else that
     /// of the sprites.
     pub fn new(sprites: SpriteSet, mut cubes: Vec<CubeLdi>) -> Self {
         let mut environment = Environment::default();
-        // Each cube's own environment would hide what lies behind the cube.
+        // With its own environment a cube would hide the layers behind it.
         for cube in &mut cubes {
             let own = std::mem::take(&mut cube.environment);
             if environment.size_px == 0 {
@@ -124,7 +123,7 @@ impl Composition {
         }
     }
 
-    /// The same with polygons among the images.
+    /// Adds polygons to the composition.
     #[must_use]
     pub fn with_polygons(mut self, polygons: Vec<Polygons>) -> Self {
         self.polygons.extend(polygons);
@@ -146,15 +145,15 @@ impl Composition {
         &self.cubes
     }
 
-    /// The layers in the order in which to draw them for an eye. Sprites keep the order that their
-    /// planes give ([`SpriteSet::back_to_front`]). A cube LDI comes before the first sprite that
-    /// covers it, as the sight lines to its samples say by majority, and after all others that it
-    /// covers; of several cube LDIs the farther comes first.
+    /// Returns the layers in drawing order for an eye, back to front. Sprites keep the order of
+    /// their planes ([`SpriteSet::back_to_front`]). A cube LDI comes before the first sprite that
+    /// covers it, by the majority of sight lines to its samples, else after the last sprite that it
+    /// covers; farther cube LDIs come before nearer ones.
     pub fn back_to_front(&self, eye: DVec3) -> Vec<Layer> {
         order::back_to_front(&self.sprites, &self.points, eye)
     }
 
-    /// Draws what `camera` sees into `frame`, which takes the camera's size.
+    /// Renders the composition for `camera` into `frame`, which is resized to the camera.
     pub fn render(
         &self,
         composer: &mut Composer,
@@ -164,8 +163,8 @@ impl Composition {
     ) -> ComposeStats {
         let started = Instant::now();
         frame.resize(camera.width(), camera.height(), false);
-        // Until the environment is put under it: straight colours, with the share that layers cover
-        // as their alpha.
+        // Straight colours with the coverage of the layers as alpha, until the environment is
+        // composited behind them.
         frame.color.fill([0; 4]);
         let mut stats = ComposeStats {
             outcomes: vec![Outcome::Drawn; self.sprites.sprites().len()],
@@ -175,15 +174,15 @@ impl Composition {
         if !self.polygons.is_empty() {
             composer.polygons.draw(&self.polygons, camera);
             stats.polygons_ms = started.elapsed().as_secs_f64() * 1e3;
-            // A cube LDI alone is drawn among them: its picture shows them, too.
+            // A single cube LDI is drawn together with them: its image contains them.
             if !matches!(stats.order[..], [Layer::Cube(_)]) {
                 stats.order.push(Layer::Polygons);
             }
         }
         let by_depth = stats.order.len() > 1 && (settings.by_depth || !self.polygons.is_empty());
-        composer.pictures.resize_with(
+        composer.images.resize_with(
             if by_depth { stats.order.len() } else { 0 },
-            LayerPicture::default,
+            LayerImage::default,
         );
         for (number, layer) in stats.order.clone().into_iter().enumerate() {
             self.draw_layer(
@@ -196,7 +195,7 @@ impl Composition {
             );
         }
         if by_depth {
-            lay_by_depth(&composer.pictures, &mut frame.color);
+            composite_by_depth(&composer.images, &mut frame.color);
         }
         let background = EnvironmentBackground {
             environment: &self.environment,
@@ -229,8 +228,8 @@ impl Composition {
         stats
     }
 
-    /// Draws a layer over those before it, or, where depths are compared, into the picture of its
-    /// number.
+    /// Draws a layer over those before it or, when layers are composited by depth, into the image
+    /// of its number.
     fn draw_layer(
         &self,
         composer: &mut Composer,
@@ -241,7 +240,9 @@ impl Composition {
         stats: &mut ComposeStats,
     ) {
         let started = Instant::now();
-        let picture = composer.pictures.get_mut(number);
+        let image = composer.images.get_mut(number);
+        let pixels = (0..frame.color.len()).into_par_iter();
+        let width = camera.width() as usize;
         match layer {
             Layer::Sprite(index) => {
                 let sprite = &self.sprites.sprites()[index];
@@ -253,85 +254,78 @@ impl Composition {
                     .layer
                     .pixels()
                     .par_iter()
-                    .map(|pixel| straight(*pixel));
-                match picture {
-                    Some(picture) => {
-                        let (plane, width) =
-                            (sprite.sprite().sprite().plane(), camera.width() as usize);
-                        let depth = |i: usize| {
-                            let [x, y] = [i % width, i / width].map(|at| at as f64 + 0.5);
-                            plane.inverse_depth(camera, x, y) as f32
-                        };
-                        picture.set(colors, (0..frame.color.len()).into_par_iter().map(depth));
-                    }
-                    None => lay_over(&mut frame.color, colors),
-                }
+                    .map(|pixel| unpremultiply(*pixel));
+                let plane = sprite.sprite().sprite().plane();
+                let inverse_depths = pixels.map(|i| {
+                    let [x, y] = [i % width, i / width].map(|at| at as f64 + 0.5);
+                    plane.inverse_depth(camera, x, y) as f32
+                });
+                store_layer(image, &mut frame.color, colors, inverse_depths);
                 stats.sprites_ms += started.elapsed().as_secs_f64() * 1e3;
             }
             Layer::Cube(index) => {
                 let cube = &self.cubes[index];
                 let cubes = RenderSettings {
-                    depth: picture.is_some() || settings.cubes.depth,
+                    depth: image.is_some() || settings.cubes.depth,
                     ..settings.cubes
                 };
-                let (drawn, cube_stats) = match self.polygons.is_empty() {
-                    true => composer.cubes.render_with_stats(cube, camera, &cubes),
-                    false => composer.cubes.render_with_layer(
-                        cube,
-                        &composer.polygons.layer(),
-                        camera,
-                        &cubes,
-                    ),
+                let renderer = &mut composer.cubes;
+                let (drawn, cube_stats) = if self.polygons.is_empty() {
+                    renderer.render_with_stats(cube, camera, &cubes)
+                } else {
+                    renderer.render_with_layer(cube, &composer.polygons.layer(), camera, &cubes)
                 };
                 stats.depth_pixels_in += cube_stats.depth_pixels_in;
                 stats.splatted += cube_stats.splatted;
                 let colors = drawn.color.par_iter().zip(&drawn.coverage);
                 let colors =
                     colors.map(|(&[r, g, b, _], coverage)| [r, g, b, coverage.splat_share()]);
-                match picture {
-                    Some(picture) => picture.set(
-                        colors,
-                        drawn.depth_m.par_iter().map(|depth_m| 1.0 / depth_m),
-                    ),
-                    None => lay_over(&mut frame.color, colors),
-                }
+                let inverse_depths = drawn.depth_m.par_iter().map(|depth_m| 1.0 / depth_m);
+                store_layer(image, &mut frame.color, colors, inverse_depths);
                 stats.cubes_ms += started.elapsed().as_secs_f64() * 1e3;
             }
             Layer::Polygons => {
-                let (layer, width) = (composer.polygons.layer(), camera.width() as usize);
-                let pixels = (0..frame.color.len())
-                    .into_par_iter()
-                    .map(|i| layer.pixel(i % width, i / width));
-                let colors = pixels.clone().map(|(color, _)| color);
-                match picture {
-                    Some(picture) => {
-                        picture.set(colors, pixels.map(|(_, inverse_depth)| inverse_depth));
-                    }
-                    None => lay_over(&mut frame.color, colors),
-                }
+                let layer = composer.polygons.layer();
+                let samples = pixels.map(|i| layer.pixel(i % width, i / width));
+                let colors = samples.clone().map(|(color, _)| color);
+                let inverse_depths = samples.map(|(_, inverse_depth)| inverse_depth);
+                store_layer(image, &mut frame.color, colors, inverse_depths);
                 stats.polygons_ms += started.elapsed().as_secs_f64() * 1e3;
             }
         }
     }
 }
 
-/// Pixels that a thread takes at least.
-const AT_LEAST: usize = 1 << 14;
+/// Minimum number of pixels per thread.
+const MIN_PIXELS_PER_THREAD: usize = 1 << 14;
 
-/// Lays a layer over what is there: straight colours, each with the share of 255 that it covers.
-fn lay_over(behind: &mut [[u8; 4]], front: impl IndexedParallelIterator<Item = [u8; 4]>) {
+/// Stores a drawn layer in `image` or, without one, composites it over `frame`.
+fn store_layer(
+    image: Option<&mut LayerImage>,
+    frame: &mut [[u8; 4]],
+    colors: impl IndexedParallelIterator<Item = [u8; 4]>,
+    inverse_depths: impl IndexedParallelIterator<Item = f32>,
+) {
+    match image {
+        Some(image) => image.set(colors, inverse_depths),
+        None => blend_layer(frame, colors),
+    }
+}
+
+/// Composites a layer over `behind`: straight colours with coverage as alpha.
+fn blend_layer(behind: &mut [[u8; 4]], front: impl IndexedParallelIterator<Item = [u8; 4]>) {
     let linear = LinearLight::tables();
     behind
         .par_iter_mut()
         .zip(front)
-        .with_min_len(AT_LEAST)
+        .with_min_len(MIN_PIXELS_PER_THREAD)
         .for_each(|(behind, front)| {
-            *behind = laid_over(linear, front, *behind);
+            *behind = blend_over(linear, front, *behind);
         });
 }
 
-/// A straight colour over another, each with the share of 255 that it covers.
-fn laid_over(light: &LinearLight, front: [u8; 4], behind: [u8; 4]) -> [u8; 4] {
+/// Composites a straight colour with coverage over another.
+fn blend_over(light: &LinearLight, front: [u8; 4], behind: [u8; 4]) -> [u8; 4] {
     match (front[3], behind[3]) {
         (0, _) => behind,
         (255, _) | (_, 0) => front,
@@ -363,9 +357,9 @@ mod tests {
             };
             let (front, middle, back) = (pixel(77), pixel(200), pixel(255));
             let mut two = [middle];
-            lay_over(&mut two, [front].into_par_iter());
+            blend_layer(&mut two, [front].into_par_iter());
             let mut laid = [back];
-            lay_over(&mut laid, two.into_par_iter());
+            blend_layer(&mut laid, two.into_par_iter());
             for c in 0..3 {
                 let mix = |front: [u8; 4], behind: f32| {
                     let share = f32::from(front[3]) / 255.0;
@@ -383,7 +377,7 @@ mod tests {
         let (opaque, clear, thin) = ([1, 2, 3, 255], [9, 9, 9, 0], [40, 50, 60, 7]);
         let laid = |behind: [u8; 4], front: [u8; 4]| {
             let mut pixel = [behind];
-            lay_over(&mut pixel, [front].into_par_iter());
+            blend_layer(&mut pixel, [front].into_par_iter());
             pixel[0]
         };
         assert_eq!(

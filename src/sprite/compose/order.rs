@@ -1,19 +1,19 @@
-//! The order in which an eye sees sprites and cube LDIs.
+//! Drawing order of sprites and cube LDIs for an eye.
 
 use super::Layer;
 use crate::{SpriteSet, SpriteWithDepth};
 use glam::DVec3;
 use headbox_core::cube_face::Face;
-use headbox_cube::pack::{CubeLdi, PackedSegment};
+use headbox_cube::pack::{CubeLdi, PackedDepthPixel, PackedSegment};
 
-/// Positions of some samples of a cube LDI, spread evenly.
+/// Positions of evenly chosen samples of a cube LDI.
 pub(super) struct CubePoints {
-    /// World.
+    /// World metres.
     points: Vec<DVec3>,
 }
 
-/// Samples of a cube LDI that are looked at: enough for a sprite that covers a hundredth of the
-/// view.
+/// Maximum number of samples of a cube LDI that are tested: enough for a sprite that covers a
+/// hundredth of the view.
 const POINTS: usize = 4096;
 
 impl CubePoints {
@@ -21,15 +21,15 @@ impl CubePoints {
         let every = (cube.depth_pixel_count() + cube.planes.texels.len())
             .div_ceil(POINTS)
             .max(1);
-        let mut seen = 0;
+        let mut count = 0;
         let mut points = Vec::with_capacity(POINTS);
         let rows = cube
             .segments
             .iter()
             .flat_map(|segment| (0..segment.height).map(move |y| (segment, y)));
         for (segment, y) in rows {
-            for (x, pixel) in samples_of_row(segment, y) {
-                if seen % every == 0 {
+            for (x, pixel) in row_samples(segment, y) {
+                if count % every == 0 {
                     let (x, y) = (
                         f64::from(segment.x0 + x) + 0.5,
                         f64::from(segment.y0 + y) + 0.5,
@@ -38,11 +38,11 @@ impl CubePoints {
                     let inverse_depth = segment.inverse_depth(pixel.inverse_depth_code());
                     points.push(cube.info.centre + direction / inverse_depth);
                 }
-                seen += 1;
+                count += 1;
             }
         }
-        for (i, point) in points_on_planes(cube) {
-            if (seen + i) % every == 0 {
+        for (i, point) in plane_texel_centers(cube) {
+            if (count + i) % every == 0 {
                 points.push(point);
             }
         }
@@ -50,7 +50,7 @@ impl CubePoints {
         Self { points }
     }
 
-    /// Mean distance from an eye; 0 without samples.
+    /// Returns the mean distance of the samples from an eye, metres; 0 without samples.
     fn distance(&self, eye: DVec3) -> f64 {
         self.points
             .iter()
@@ -59,15 +59,15 @@ impl CubePoints {
             / self.points.len().max(1) as f64
     }
 
-    /// Returns true if a sprite hides more samples than hide it, on sight lines from `eye` through
-    /// the sprite's rectangle; `None` on a tie, such as where the two lie beside each other.
+    /// Returns true if the sprite hides more samples than hide it, on sight lines from `eye`
+    /// through the sprite's rectangle; `None` on a tie, for instance if neither overlaps the other.
     fn is_behind(&self, sprite: &SpriteWithDepth, eye: DVec3) -> Option<bool> {
         let (camera, plane) = (sprite.sprite().camera(), sprite.sprite().plane());
         let (width, height) = (f64::from(camera.width()), f64::from(camera.height()));
         let eye_distance = plane.signed_distance(eye);
         let mut balance = 0i64;
         for point in &self.points {
-            // Where the sight line meets the plane, as a share of the way to the sample.
+            // Intersection of the sight line with the plane, as a share of the way to the sample.
             let share = eye_distance / (eye_distance - plane.signed_distance(*point));
             if !share.is_finite() || share <= 0.0 {
                 continue;
@@ -84,8 +84,8 @@ impl CubePoints {
     }
 }
 
-/// The middles of all texels of pictures on planes that are not open, with their numbers.
-fn points_on_planes(cube: &CubeLdi) -> impl Iterator<Item = (usize, DVec3)> {
+/// Returns index and position (world metres) of the centre of each covered plane-texture texel.
+fn plane_texel_centers(cube: &CubeLdi) -> impl Iterator<Item = (usize, DVec3)> {
     cube.planes.tiles.iter().flat_map(move |tile| {
         let face = Face::ALL[usize::from(tile.face) % Face::ALL.len()];
         let plane = cube
@@ -113,15 +113,15 @@ fn points_on_planes(cube: &CubeLdi) -> impl Iterator<Item = (usize, DVec3)> {
     })
 }
 
-/// The depth pixels of a row and their columns.
-fn samples_of_row(
+/// Returns the depth pixels of a row with their columns.
+fn row_samples(
     segment: &PackedSegment,
     y: u32,
-) -> impl Iterator<Item = (u32, headbox_cube::pack::PackedDepthPixel)> + '_ {
+) -> impl Iterator<Item = (u32, PackedDepthPixel)> + '_ {
     (0..segment.width).flat_map(move |x| segment.pixel(x, y).iter().map(move |&pixel| (x, pixel)))
 }
 
-/// See [`super::Composition::back_to_front`].
+/// Implements [`super::Composition::back_to_front`].
 pub(super) fn back_to_front(sprites: &SpriteSet, cubes: &[CubePoints], eye: DVec3) -> Vec<Layer> {
     let mut order: Vec<Layer> = sprites
         .back_to_front(eye)
@@ -138,7 +138,7 @@ pub(super) fn back_to_front(sprites: &SpriteSet, cubes: &[CubePoints], eye: DVec
     for cube in by_nearness {
         let behind = |layer: &Layer| match layer {
             Layer::Sprite(index) => cubes[cube].is_behind(sprites.sprites()[*index].sprite(), eye),
-            // Nearer cubes are there already.
+            // Nearer cubes have been inserted already.
             Layer::Cube(_) | Layer::Polygons => Some(true),
         };
         let relations: Vec<Option<bool>> = order.iter().map(behind).collect();

@@ -1,8 +1,8 @@
-//! Polygons among images (S25): what is nearer than an image can serve, or is put into a place that
-//! was captured without it.
+//! Polygons among images (S25): objects too near for an image, or added to a place that was
+//! captured without them.
 //!
-//! They are rasterised ([`headbox_raster`]) once for a frame, and stand in it with a depth for each
-//! pixel (`stand.rs`), against which cube LDIs are drawn.
+//! They are rasterised ([`headbox_raster`]) once per frame, with a depth per pixel
+//! (`polygon_raster.rs`), against which cube LDIs are depth-tested.
 
 use glam::DVec3;
 use headbox_core::camera::Camera;
@@ -18,35 +18,36 @@ use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// Why polygons could not be put among images.
+/// Error of adding polygons to images.
 #[derive(Debug, thiserror::Error)]
 pub enum PolygonsError {
-    /// The scene breaks a promise.
+    /// The scene is invalid.
     #[error(transparent)]
     Scene(#[from] SceneError),
     /// The cube LDI does not yield a valid sky.
     #[error("the light about the polygons: {0}")]
     Light(#[from] SkyError),
-    /// A camera that looks at what is about them could not be made.
+    /// A camera for the surroundings of the polygons is invalid.
     #[error(transparent)]
     Camera(#[from] headbox_core::camera::CameraError),
 }
 
-/// A model of triangles that stands among images.
+/// Triangle model that is drawn among images.
 #[derive(Debug)]
 pub struct Polygons {
-    mesh: RasterMesh,
-    /// Its lowest and highest corner, world metres.
+    pub(super) mesh: RasterMesh,
+    /// Lowest and highest corner of its bounding box, world metres.
     bounds: [DVec3; 2],
-    /// Tone curve of the images among which the polygons stand.
-    tone: ToneMap,
+    /// Tone curve of the images among which the polygons are drawn.
+    pub(super) tone: ToneMap,
 }
 
-/// Rows of the picture of what is about the polygons.
+/// Number of rows of the latitude-longitude image of the surroundings.
 const SURROUNDINGS_ROWS: u32 = 64;
 
 impl Polygons {
-    /// A scene, in world metres, shown without light: albedo, vertex colours and emission.
+    /// Creates polygons from a scene in world metres, without light: albedo, vertex colours and
+    /// emission.
     ///
     /// # Errors
     /// [`PolygonsError::Scene`].
@@ -66,12 +67,11 @@ impl Polygons {
         })
     }
 
-    /// The same in the light of what a cube LDI shows from the middle of the polygons, or from that
-    /// place of its headbox which is nearest to it: they shade themselves and reflect light onto
-    /// themselves, but neither shade nor light what the cube shows. What is brighter than the
-    /// cube's tone curve keeps counts as the brightest that it keeps, white unless it was captured
-    /// with `--hdr`, so that suns and lamps give less than their light; of themselves, they show
-    /// what is up to white.
+    /// Creates polygons lit by the image of a cube LDI, as seen from the middle of the polygons or
+    /// from the nearest position in the headbox. They cast shadows and reflect light onto
+    /// themselves, but not onto the surfaces of the cube. Radiance above the range of the cube's
+    /// tone curve is clipped (at white, unless the cube was captured with `--hdr`), so that suns
+    /// and lamps give less light than in reality. The shading of the polygons is clipped at white.
     ///
     /// # Errors
     /// [`PolygonsError`].
@@ -91,9 +91,9 @@ impl Polygons {
         for material in &mut scene.materials {
             material.emission = material.emission.map(|c| c * cube.info.exposure);
         }
-        let told = AtomicUsize::new(0);
+        let reported = AtomicUsize::new(0);
         let baked = bake_unmetered(&Arc::new(scene), &BakeOptions::default(), &|done, all| {
-            match told.fetch_max(done, Ordering::Relaxed) {
+            match reported.fetch_max(done, Ordering::Relaxed) {
                 0 => progress.begin("light of the polygons", "samples", all as u64),
                 before => progress.advance(done.saturating_sub(before) as u64),
             }
@@ -109,22 +109,14 @@ impl Polygons {
         })
     }
 
-    pub(super) fn mesh(&self) -> &RasterMesh {
-        &self.mesh
-    }
-
-    pub(super) fn tone(&self) -> ToneMap {
-        self.tone
-    }
-
-    /// The corners of a box that holds them, world metres.
+    /// Returns the corners of the bounding box, world metres.
     pub(super) fn corners(&self) -> impl Iterator<Item = DVec3> + use<> {
         let bounds = self.bounds;
         (0..8).map(move |i| DVec3::from_array([0, 1, 2].map(|axis| bounds[i >> axis & 1][axis])))
     }
 }
 
-/// Renders the surroundings of a position from a cube: linear radiance under its exposure.
+/// Renders the surroundings of a position from a cube LDI, as linear radiance under its exposure.
 fn surroundings(cube: &CubeLdi, place: DVec3) -> Result<SkyPicture, PolygonsError> {
     let half = DVec3::splat(cube.info.half_size_m);
     let eye = place.clamp(cube.info.centre - half, cube.info.centre + half);
@@ -152,7 +144,7 @@ fn surroundings(cube: &CubeLdi, place: DVec3) -> Result<SkyPicture, PolygonsErro
                 - std::f64::consts::PI,
             (0.5 - (f64::from(i / (2 * side)) + 0.5) / f64::from(side)) * std::f64::consts::PI,
         ];
-        // North, -Z, in the middle; from there to the east, +X.
+        // North (-Z) is in the middle; east (+X) is to its right.
         let toward = DVec3::new(
             azimuth.sin() * elevation.cos(),
             elevation.sin(),
@@ -174,8 +166,8 @@ fn surroundings(cube: &CubeLdi, place: DVec3) -> Result<SkyPicture, PolygonsErro
     )?)
 }
 
-/// Moves a scene: scaled about its own origin, turned about the up axis, world axes, from north
-/// (-Z) to east (+X), and its origin put to a place.
+/// Transforms a scene: scales it about its origin, turns it about the up axis of the world, from
+/// north (-Z) to east (+X), and moves its origin to `at`, world metres.
 pub fn place(scene: &mut Scene, scale: f64, turn_deg: f64, at: DVec3) {
     let (sin, cos) = turn_deg.to_radians().sin_cos();
     let turned = |p: DVec3| DVec3::new(p.x * cos - p.z * sin, p.y, p.x * sin + p.z * cos);

@@ -1,22 +1,22 @@
-//! Capturing sprites from a scene by ray tracing: one sprite per slab of eye depth.
+//! Capture of sprites from a scene by ray tracing: one sprite per slab of eye depth.
 
 use crate::{DepthImport, DisplacementFormat, SpriteError, SpriteWithDepth};
 use glam::Vec3;
 use headbox_core::camera::Camera;
 use headbox_core::depth_kind::DepthKind;
 use headbox_core::progress::Progress;
-use headbox_trace::bvh::{Ray, Tracer};
+use headbox_trace::bvh::{Hit, Ray, Tracer};
 use headbox_trace::light::{LightSample, Lighting, LitPoint, pixel_jitter};
 use headbox_trace::sampler::random4;
 use image::RgbaImage;
 use rayon::prelude::*;
 
-/// Settings of capturing slabs of a scene as sprites.
+/// Scene and settings of a capture of sprites.
 #[derive(Clone, Copy, Debug)]
 pub struct SlabCapture<'a> {
     /// The scene.
     pub tracer: &'a Tracer,
-    /// Its light, as for truth frames.
+    /// Lighting of the scene, as for truth frames.
     pub lighting: &'a Lighting,
     /// True to compute light; otherwise albedo and emission are stored.
     pub lit: bool,
@@ -30,14 +30,14 @@ pub struct SlabCapture<'a> {
 #[derive(Clone, Copy)]
 struct Pixel {
     color: [u8; 4],
-    /// Eye depth along the pixel's centre, NaN where nothing is.
+    /// Eye depth at the pixel's centre, metres; NaN if no ray hit a surface.
     depth: f32,
 }
 
-/// Captures what `camera` sees between the eye depths of each slab (near, far; metres), as if
-/// nothing lay before it. Slabs without any surface give no sprite. Alpha is the share of a pixel's
-/// rays that met a surface in the slab: soft at silhouettes. Depth is that of the pixel's nearest
-/// hit to the ray through its centre.
+/// Captures a sprite for each slab of eye depth of `camera` (near, far; metres), without occlusion
+/// by surfaces in front of the slab. Slabs without surfaces give no sprite. Alpha is the share of a
+/// pixel's rays that hit a surface in the slab, which antialiases silhouettes. Depth is that of the
+/// ray through the pixel's centre or, if it misses, of the hit nearest to the centre.
 ///
 /// # Errors
 /// Those of [`DepthImport::build`].
@@ -101,7 +101,7 @@ impl SlabCapture<'_> {
                 continue;
             };
             hits += 1;
-            // Rays have an eye depth of 1 per unit, so t is eye depth.
+            // Directions have eye depth 1, so t is eye depth.
             let off_center = (jitter[0] - 0.5).powi(2) + (jitter[1] - 0.5).powi(2);
             if off_center < nearest_to_center.0 {
                 nearest_to_center = (off_center, hit.t);
@@ -132,26 +132,19 @@ impl SlabCapture<'_> {
         [x, y]: [u32; 2],
         jitter: [f32; 2],
     ) -> Ray {
-        let position = [
+        let (x, y) = (
             f64::from(x) + f64::from(jitter[0]),
             f64::from(y) + f64::from(jitter[1]),
-        ];
-        let direction = camera.direction(position[0], position[1]).as_vec3();
+        );
         Ray {
             origin: (camera.eye() - self.tracer.origin()).as_vec3(),
-            direction,
+            direction: camera.direction(x, y).as_vec3(),
             t_min,
             t_max,
         }
     }
 
-    fn radiance(
-        &self,
-        ray: &Ray,
-        hit: &headbox_trace::bvh::Hit,
-        [x, y]: [u32; 2],
-        index: u32,
-    ) -> Vec3 {
+    fn radiance(&self, ray: &Ray, hit: &Hit, [x, y]: [u32; 2], index: u32) -> Vec3 {
         let (point, surface) = LitPoint::from_hit(self.tracer, ray, hit);
         let radiosity = if self.lit {
             let [stream, ..] = random4([x, y, 0x5bd1, 2]);
@@ -167,10 +160,9 @@ impl SlabCapture<'_> {
     }
 }
 
-/// Cuts what `camera` sees into at most `count` slabs of eye depth at the widest gaps (by ratio of
-/// depths) between the surfaces that a grid of rays meets, nearer surfaces not hiding farther ones.
-/// Surfaces that follow each other more closely than 10 % stay together. Sorted from far to near;
-/// empty if nothing is seen.
+/// Divides the view of `camera` into at most `count` slabs of eye depth, at the widest gaps (by
+/// ratio of depths) between all surfaces along a grid of rays, hidden ones included. Surfaces with
+/// a depth ratio below 1.1 stay together. Sorted from far to near; empty if no ray hits a surface.
 pub fn slabs_at_gaps(tracer: &Tracer, camera: &Camera, count: usize) -> Vec<[f64; 2]> {
     const GRID: u32 = 96;
     const LEAST_RATIO: f64 = 1.1;
@@ -180,10 +172,9 @@ pub fn slabs_at_gaps(tracer: &Tracer, camera: &Camera, count: usize) -> Vec<[f64
         for j in 0..GRID {
             let [x, y] = [(i, camera.width()), (j, camera.height())]
                 .map(|(k, side)| (f64::from(k) + 0.5) / f64::from(GRID) * f64::from(side));
-            let direction = camera.direction(x, y).as_vec3();
             let ray = Ray {
                 origin,
-                direction,
+                direction: camera.direction(x, y).as_vec3(),
                 t_min: 0.0,
                 t_max: f32::INFINITY,
             };

@@ -1,10 +1,10 @@
-//! Sprites of the layers of a sequence of photographs (S10).
+//! Sprites from the planar layers of a photo sequence (S10).
 
 use crate::{DepthImport, DisplacementFormat, SpriteError, SpritePlane, SpriteWithDepth};
 use headbox_core::depth_kind::DepthKind;
 use headbox_images::planar_layers::{PlanarLayer, PlanarLayers};
 
-/// A sprite for each layer, with what lies off its plane as displacement.
+/// Builds a sprite from each layer, with the distances off its plane as displacements.
 ///
 /// # Errors
 /// Those of [`DepthImport::build`].

@@ -1,18 +1,18 @@
-//! From a colour picture and a depth picture to a sprite with depth.
+//! Import of a sprite with depth from a colour image and a depth image.
 
 use crate::{Displacement, DisplacementFormat, Sprite, SpriteError, SpritePlane, SpriteWithDepth};
 use headbox_core::camera::Camera;
 use headbox_core::depth_kind::DepthKind;
 use image::RgbaImage;
 
-/// A colour picture with a depth per pixel, and what is needed to make sense of them.
+/// A colour image with a depth per pixel, its camera, and the meaning of the depths.
 #[derive(Clone, Debug)]
 pub struct DepthImport<'a> {
     /// 8-bit sRGB, straight alpha.
     pub color: RgbaImage,
-    /// The camera that took it.
+    /// The camera that took the image.
     pub camera: Camera,
-    /// Row-major, one per pixel. NaN, infinite, zero and negative depths are taken as unknown.
+    /// Depth per pixel, row-major. NaN, infinite, zero and negative depths are unknown.
     pub depth: &'a [f32],
     /// Meaning of the depth values.
     pub depth_kind: DepthKind,
@@ -26,14 +26,14 @@ pub struct DepthImport<'a> {
 }
 
 impl DepthImport<'_> {
-    /// Makes the sprite. Transparent pixels and pixels of unknown depth take the displacement of
-    /// the nearest known ones, so that a silhouette's neighbourhood moves with it. With nothing
-    /// visible at all (alpha zero throughout) and no depth the sprite is flat, one metre away, and
-    /// draws nothing.
+    /// Builds the sprite. Transparent pixels and pixels of unknown depth take the displacement of
+    /// the nearest known pixel, so that the neighbourhood of a silhouette moves with it. If all
+    /// pixels are transparent and no depth is known, the sprite is flat, one metre away, and draws
+    /// nothing.
     ///
     /// # Errors
     /// [`SpriteError::Count`] unless there is a depth per pixel; [`SpriteError::NoValidDepth`] if
-    /// something is visible but none of it has a depth; [`SpriteError::DepthRange`]; those of
+    /// some pixels are visible but none of them has a depth; [`SpriteError::DepthRange`]; those of
     /// [`Sprite::new`].
     pub fn build(self) -> Result<SpriteWithDepth, SpriteError> {
         let (width, height) = self.color.dimensions();
@@ -75,19 +75,18 @@ impl DepthImport<'_> {
             q.map(|q| (distance * (q - sprite.plane().inverse_depth(&self.camera, x, y))) as f32)
         };
         let visible = sprite.color().pixels().map(|p| p.0[3] > 0);
-        let known = pixel_centers(width, height)
+        let known: Vec<Option<f32>> = pixel_centers(width, height)
             .zip(&inverse_depths)
             .map(displacement)
-            .zip(visible);
-        let known: Vec<Option<f32>> = known
+            .zip(visible)
             .map(|(d, visible)| d.filter(|d| visible && d.is_finite()))
             .collect();
-        let values = spread(known, width as usize);
+        let values = fill_unknown(known, width as usize);
         let displacement = Displacement::new(width, height, &values, self.format)?;
         SpriteWithDepth::new(sprite, displacement)
     }
 
-    /// 1/Z per pixel where it is known.
+    /// Returns the inverse eye depth of each pixel, 1/m; `None` if unknown.
     fn inverse_depths(&self) -> Vec<Option<f64>> {
         let (near, far) = self.window_range_m;
         let convert = |([x, y], &depth): ([f64; 2], &f32)| {
@@ -111,17 +110,17 @@ impl DepthImport<'_> {
     }
 }
 
-/// Centres of all pixels, row by row.
+/// Returns the centres of all pixels, row by row.
 fn pixel_centers(width: u32, height: u32) -> impl Iterator<Item = [f64; 2]> {
     (0..height).flat_map(move |y| (0..width).map(move |x| [f64::from(x) + 0.5, f64::from(y) + 0.5]))
 }
 
-/// Fills what is unknown with the value of the nearest known pixel, by two sweeps of a distance
-/// transform (8SSEDT: off by a fraction of a pixel at worst, which does not matter for what is
-/// invisible). All zero if nothing is known.
-fn spread(known: Vec<Option<f32>>, width: usize) -> Vec<f32> {
+/// Fills unknown pixels with the value of the nearest known one, by two sweeps of a distance
+/// transform (8SSEDT; its error of a fraction of a pixel does not matter for invisible pixels). All
+/// zero if no pixel is known.
+fn fill_unknown(known: Vec<Option<f32>>, width: usize) -> Vec<f32> {
     let height = known.len() / width.max(1);
-    // Offset to the nearest known pixel, as far as it has been heard of.
+    // Offset to the nearest known pixel found so far.
     let mut nearest: Vec<Option<[i32; 2]>> =
         known.iter().map(|known| known.map(|_| [0, 0])).collect();
     let squared = |[x, y]: [i32; 2]| i64::from(x) * i64::from(x) + i64::from(y) * i64::from(y);
@@ -262,7 +261,7 @@ mod tests {
     fn unknown_values_take_the_nearest_known() {
         let mut known = vec![None; 35];
         (known[8], known[33]) = (Some(1.0), Some(2.0)); // (1, 1) and (5, 4) of 7 x 5
-        let spread = spread(known, 7);
+        let spread = fill_unknown(known, 7);
         assert_eq!(
             [spread[0], spread[14], spread[34], spread[27], spread[6 + 7]],
             [1.0, 1.0, 2.0, 2.0, 2.0]

@@ -1,4 +1,4 @@
-//! Displacement of the surface off the plane, and how it is stored (S4, C30).
+//! Displacement of the surface off the plane, and its storage formats (S4, C30).
 
 use crate::SpriteError;
 
@@ -15,7 +15,7 @@ pub enum DisplacementFormat {
     F32,
 }
 
-/// Values in one of the formats.
+/// Stored values.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Values {
     I8(Vec<i8>),
@@ -23,9 +23,8 @@ pub(super) enum Values {
     F32(Vec<f32>),
 }
 
-/// Displacement per pixel, row-major: signed distance off the plane over eye depth, dimensionless,
-/// towards the camera positive. Pixels may be larger than those of the picture; they cover the same
-/// rectangle.
+/// Grid of displacements, row-major: signed distance off the plane over eye depth, dimensionless,
+/// positive towards the camera. The grid covers the rectangle of the image and may be coarser.
 ///
 /// Invariants: width x height values; all are finite.
 #[derive(Clone, Debug, PartialEq)]
@@ -38,7 +37,7 @@ pub struct Displacement {
 }
 
 impl Displacement {
-    /// No displacement at all.
+    /// Creates a displacement of zero everywhere.
     pub fn zero(width: u32, height: u32) -> Self {
         Self {
             width,
@@ -48,8 +47,8 @@ impl Displacement {
         }
     }
 
-    /// Stores `values` (row-major) in a format; integers get the finest scale that holds the
-    /// largest.
+    /// Stores `values` (row-major) in a format; integer formats use the finest scale that holds the
+    /// largest value.
     ///
     /// # Errors
     /// [`SpriteError::Count`] unless there is one value per pixel, [`SpriteError::NotFinite`].
@@ -68,7 +67,7 @@ impl Displacement {
             DisplacementFormat::I16 => f32::from(i16::MAX),
             DisplacementFormat::F32 => 1.0,
         };
-        // Displacements so small that the scale is not a normal number are no displacement.
+        // Displacements so small that the scale is subnormal are stored as zero.
         let fitting = largest / steps;
         let scale = if format == DisplacementFormat::F32 || !fitting.is_normal() {
             1.0
@@ -87,7 +86,7 @@ impl Displacement {
         Self::from_stored(width, height, scale, values)
     }
 
-    /// From stored values.
+    /// Creates a displacement from stored values, and checks them.
     pub(super) fn from_stored(
         width: u32,
         height: u32,
@@ -163,15 +162,15 @@ impl Displacement {
         }
     }
 
-    /// At a resolution lower by `factor` (0 counts as 1; sizes are rounded up): each pixel is the
-    /// mean of those that it overlaps.
+    /// Returns the displacement at a resolution lower by `factor` (0 counts as 1; sizes are rounded
+    /// up): each cell is the mean of the cells that it overlaps.
     ///
     /// # Errors
     /// [`SpriteError::NotFinite`] if the mean of the largest values overflows.
     pub fn reduced(&self, factor: u32) -> Result<Self, SpriteError> {
         let factor = factor.max(1);
         let (width, height) = (self.width.div_ceil(factor), self.height.div_ceil(factor));
-        // Columns (or rows) i of `count` reaches over these of the `all` finer ones.
+        // Range of the `all` finer columns (or rows) that coarse column `i` of `count` overlaps.
         let range = |i: u32, all: u32, count: u32| {
             let edge = |i: u32| u64::from(i) * u64::from(all);
             (

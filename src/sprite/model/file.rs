@@ -18,7 +18,7 @@ use image::RgbaImage;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-/// A file of sprites.
+/// Kind of the `.sprite` file.
 pub const SPRITE_FILE: FileKind = FileKind::SPRITES;
 
 #[derive(Serialize, Deserialize)]
@@ -28,7 +28,7 @@ struct FileHeader {
     sprites: Vec<SpriteHeader>,
 }
 
-/// Header of a sprite in a file: everything but its arrays.
+/// Header of a sprite in a file: sizes and format, without its arrays.
 #[derive(Serialize, Deserialize)]
 pub struct SpriteHeader {
     width: u32,
@@ -38,7 +38,7 @@ pub struct SpriteHeader {
     format: DisplacementFormat,
 }
 
-/// Numbers of a sprite in section `geometry`.
+/// Number of values of a sprite in section `geometry`.
 const GEOMETRY: usize = 18;
 
 impl SpriteSet {
@@ -115,7 +115,7 @@ impl SpriteSet {
 }
 
 impl SpriteWithDepth {
-    /// Returns the header: everything but [`Self::arrays`].
+    /// Returns the sizes and the format that reading [`Self::arrays`] needs.
     pub fn header(&self) -> SpriteHeader {
         let (width, height) = self.sprite().color().dimensions();
         let (displacement_width, displacement_height) = self.displacement().size();
@@ -128,7 +128,7 @@ impl SpriteWithDepth {
         }
     }
 
-    /// Geometry, colour and displacement as a section of a file that holds other things too.
+    /// Returns geometry, colour and displacement as one section of another kind of file.
     pub fn arrays(&self) -> Vec<u8> {
         let numbers = geometry(self);
         [
@@ -139,7 +139,7 @@ impl SpriteWithDepth {
         .concat()
     }
 
-    /// Reads what [`Self::arrays`] wrote.
+    /// Reads a sprite from the bytes of [`Self::arrays`].
     pub fn from_arrays(header: &SpriteHeader, section: &mut Section) -> Result<Self, FileError> {
         let numbers: [f64; GEOMETRY] = section.values()?;
         let pixels = section.array(header.color_bytes())?;
@@ -156,7 +156,7 @@ impl SpriteHeader {
     }
 }
 
-/// A sprite of its parts; `section` is named in errors.
+/// Assembles a sprite from its arrays; errors name `section`.
 fn sprite(
     header: &SpriteHeader,
     numbers: &[f64; GEOMETRY],
@@ -171,9 +171,13 @@ fn sprite(
         normal: DVec3::new(numbers[13], numbers[14], numbers[15]),
         offset: numbers[16],
     };
-    let sprite = unit(plane)
-        .and_then(|plane| Sprite::new(color, camera, plane))
-        .and_then(|sprite| SpriteWithDepth::new(sprite, displacement));
+    let is_unit = (plane.normal.length() - 1.0).abs() < ORTHONORMAL;
+    let sprite = if is_unit {
+        Sprite::new(color, camera, plane)
+    } else {
+        Err(SpriteError::NotFinite)
+    };
+    let sprite = sprite.and_then(|sprite| SpriteWithDepth::new(sprite, displacement));
     sprite.map_err(|e| section.damaged("a consistent sprite", e.to_string()))
 }
 
@@ -189,8 +193,8 @@ fn geometry(sprite: &SpriteWithDepth) -> [f64; GEOMETRY] {
     numbers
 }
 
-/// Tolerance of a stored rotation's column products, and of a normal's squared length: rounding
-/// errors pass, and nothing that a renderer would notice.
+/// Tolerance of a stored rotation's column products and of a normal's length: accepts rounding
+/// errors, but nothing that a renderer would notice.
 const ORTHONORMAL: f64 = 1e-6;
 
 fn camera(numbers: &[f64; GEOMETRY], header: &SpriteHeader) -> Result<Camera, CameraError> {
@@ -210,15 +214,6 @@ fn camera(numbers: &[f64; GEOMETRY], header: &SpriteHeader) -> Result<Camera, Ca
         header.width,
         header.height,
     )
-}
-
-fn unit(plane: SpritePlane) -> Result<SpritePlane, SpriteError> {
-    let is_unit = (plane.normal.length() - 1.0).abs() < ORTHONORMAL;
-    if is_unit {
-        Ok(plane)
-    } else {
-        Err(SpriteError::NotFinite)
-    }
 }
 
 fn displacement(

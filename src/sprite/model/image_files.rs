@@ -1,17 +1,16 @@
-//! Depth pictures in files, and sprites back to pictures: PNG for colour, EXR for depth.
+//! Export of sprites as images: PNG for colour, EXR for depth.
 
 use crate::SpriteWithDepth;
 use headbox_core::files::write_whole;
 use headbox_core::image_file;
-use headbox_images as images;
-use headbox_images::DepthPicture;
+use headbox_images::{self as images, DepthPicture};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
-/// Why a picture could not be read or written.
+/// Error of writing an image file.
 #[derive(Debug, thiserror::Error)]
 pub enum ImageFileError {
-    /// Reading or writing failed.
+    /// Writing failed.
     #[error("{}: {source}", path.display())]
     Io {
         /// The file.
@@ -33,8 +32,8 @@ pub fn write_depth_exr(depth: &DepthPicture, path: &Path) -> Result<(), ImageFil
 }
 
 impl SpriteWithDepth {
-    /// Eye depth per pixel of the displacement grid, metres; NaN where it is not in front of the
-    /// eye.
+    /// Returns the eye depth of each cell of the displacement grid, metres; NaN where the surface
+    /// is not in front of the eye.
     pub fn depth_picture(&self) -> DepthPicture {
         let (width, height) = self.displacement().size();
         let depth = |(x, y)| self.eye_depth(x, y).map_or(f32::NAN, |depth| depth as f32);
@@ -49,8 +48,8 @@ impl SpriteWithDepth {
         }
     }
 
-    /// Writes colour (PNG, straight alpha) and eye depth (EXR, metres): what [`crate::DepthImport`]
-    /// takes back.
+    /// Writes colour (PNG, straight alpha) and eye depth (EXR, metres), which
+    /// [`crate::DepthImport`] can read again.
     ///
     /// # Errors
     /// [`ImageFileError::Io`].

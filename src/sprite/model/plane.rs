@@ -1,4 +1,4 @@
-//! The plane of a sprite, and fitting it to depth.
+//! The plane of a sprite, and its fit to depth samples.
 
 use crate::SpriteError;
 use glam::{DMat3, DVec3};
@@ -15,8 +15,8 @@ pub struct SpritePlane {
 }
 
 impl SpritePlane {
-    /// The plane through `point` with a normal of any length; a zero normal gives a plane that is
-    /// not finite.
+    /// Returns the plane through `point` with a normal of any length; a zero normal gives a plane
+    /// that is not finite.
     pub fn through(point: DVec3, normal: DVec3) -> Self {
         let normal = normal.normalize();
         Self {
@@ -25,7 +25,7 @@ impl SpritePlane {
         }
     }
 
-    /// The plane parallel to the image of `camera` at `eye_depth` metres.
+    /// Returns the plane parallel to the image of `camera` at `eye_depth` metres.
     pub fn parallel_to_image(camera: &Camera, eye_depth: f64) -> Self {
         Self::through(
             camera.eye() + camera.forward() * eye_depth,
@@ -43,7 +43,7 @@ impl SpritePlane {
         self.normal.is_finite() && self.offset.is_finite()
     }
 
-    /// The same plane, its normal pointing to the side of `eye`.
+    /// Returns the same plane with its normal towards the side of `eye`.
     #[must_use]
     pub(crate) fn facing(self, eye: DVec3) -> Self {
         if self.signed_distance(eye) < 0.0 {
@@ -56,19 +56,19 @@ impl SpritePlane {
         }
     }
 
-    /// Inverse depth (1/Z) of the plane where `camera` sees it at (x, y) in pixels: affine in (x,
-    /// y). Zero or less where the plane is at or beyond its horizon.
+    /// Returns the inverse eye depth (1/Z) of the plane at pixel position (x, y) of `camera`:
+    /// affine in (x, y). Zero or negative at and beyond the horizon of the plane.
     pub fn inverse_depth(&self, camera: &Camera, x_px: f64, y_px: f64) -> f64 {
         -self.normal.dot(camera.direction(x_px, y_px)) / self.signed_distance(camera.eye())
     }
 
-    /// Fits a plane to samples (x, y in pixels, inverse depth > 0) as `camera` saw them. In inverse
-    /// depth a plane is affine in pixels, and equal residuals are equal parallax. Iteratively
-    /// reweighted least squares: first least absolute residuals, which a minority of another
-    /// surface spread over the picture cannot pull away, then Tukey's biweight, which gives that
-    /// minority no weight at all. (A minority all at one side tilts the plane: the remaining
-    /// displacement is then larger, not wrong.) Samples that span no area (a single pixel, a row)
-    /// give the plane parallel to the image at their median.
+    /// Fits a plane to samples of `camera` (x, y in pixels, inverse depth > 0). In inverse depth a
+    /// plane is affine in pixels, and equal residuals are equal parallax. Iteratively reweighted
+    /// least squares: first least absolute residuals, which a minority of another surface spread
+    /// over the picture cannot pull away, then Tukey's biweight, which gives that minority no
+    /// weight at all. (A minority all at one side tilts the plane: the remaining displacement is
+    /// then larger, not wrong.) Samples that span no area (a single pixel, a row) give the plane
+    /// parallel to the image at their median.
     ///
     /// # Errors
     /// [`SpriteError::NoValidDepth`] without samples.
@@ -101,21 +101,21 @@ impl SpritePlane {
     }
 }
 
-/// Rounds of least absolute residuals: enough for a quarter of outliers to lose their pull.
+/// Rounds of least absolute residuals: enough to remove the influence of a quarter of outliers.
 const ABSOLUTE_ROUNDS: usize = 30;
 
-/// Rounds with Tukey's biweight, which settle quickly from a good start.
+/// Rounds with Tukey's biweight, which converge quickly from a good start.
 const BIWEIGHT_ROUNDS: usize = 8;
 
-/// More samples than this do not make a plane better.
+/// Maximum number of samples; more do not improve the plane.
 const MAX_SAMPLES: usize = 1 << 15;
 
-/// Tukey's biweight gives a sample no weight beyond this many robust standard deviations; 4.685
-/// makes it 95 % as efficient as least squares on normal noise.
+/// Number of robust standard deviations beyond which Tukey's biweight is zero; 4.685 makes it 95 %
+/// as efficient as least squares on normal noise.
 const TUKEY: f64 = 4.685;
 
-/// Coefficients of `inverse depth = a x + b y + c`, x and y from the centre in units of the focal
-/// length. `None` if the samples span no area.
+/// Fits `inverse depth = a x + b y + c`, with x and y from the centre in units of the focal length.
+/// `None` if the samples span no area.
 fn robust_affine(focal_px: f64, center: [f64; 2], samples: &[[f64; 3]]) -> Option<[f64; 3]> {
     let stride = samples.len().div_ceil(MAX_SAMPLES).max(1);
     let relative =
@@ -146,7 +146,7 @@ fn robust_affine(focal_px: f64, center: [f64; 2], samples: &[[f64; 3]]) -> Optio
     Some(fit)
 }
 
-/// Weighted least squares about the weighted mean.
+/// Fits the coefficients by weighted least squares about the weighted mean.
 fn weighted_affine(rows: &[[f64; 3]], weights: &[f64]) -> Option<[f64; 3]> {
     let total: f64 = weights.iter().sum();
     let mean =

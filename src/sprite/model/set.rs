@@ -1,6 +1,5 @@
-//! Several sprites of one scene, and the order in which an eye sees them.
+//! A set of sprites of one scene, and their drawing order.
 
-use crate::DisplacementFormat;
 use crate::{Outcome, PreparedSprite, RenderOptions, SpriteLayer, SpriteRenderer, SpriteWithDepth};
 use glam::DVec3;
 use headbox_core::camera::Camera;
@@ -12,17 +11,17 @@ use serde::{Deserialize, Serialize};
 /// Source of the sprites; stored in the `.sprite` file.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct SpriteInfo {
-    /// The scene or the pictures, as given on the command line; empty if there is no telling.
+    /// The scene or the images, as given on the command line; empty if unknown.
     pub source: String,
     /// Axes and unit of the source.
     #[serde(flatten)]
     pub frame: FileFrame,
-    /// The scene's light, where it is not its own.
+    /// Light that the user specified instead of the scene's.
     #[serde(default)]
     pub light: LightParameters,
 }
 
-/// Sprites that are drawn together.
+/// Sprites that are drawn together, prepared for rendering.
 #[derive(Clone, Debug)]
 pub struct SpriteSet {
     /// Source of the sprites.
@@ -34,25 +33,17 @@ pub struct SpriteSet {
 }
 
 impl SpriteSet {
-    /// Bytes of pictures, displacements and the environment in memory.
+    /// Returns the size in memory of images, displacements and the environment, bytes.
     pub fn bytes(&self) -> u64 {
-        let sprite = |prepared: &PreparedSprite| {
+        let bytes = |prepared: &PreparedSprite| {
             let sprite = prepared.sprite();
-            let displacement = sprite.displacement();
-            let (width, height) = displacement.size();
-            let cell = match displacement.format() {
-                DisplacementFormat::I8 => 1,
-                DisplacementFormat::I16 => 2,
-                DisplacementFormat::F32 => 4,
-            };
-            sprite.sprite().color().as_raw().len() as u64
-                + u64::from(width) * u64::from(height) * cell
+            sprite.sprite().color().as_raw().len() + sprite.displacement().stored_bytes().len()
         };
-        self.sprites().iter().map(sprite).sum::<u64>()
-            + size_of_val(&self.environment.texels[..]) as u64
+        let sprites: usize = self.sprites.iter().map(bytes).sum();
+        (sprites + size_of_val(&self.environment.texels[..])) as u64
     }
 
-    /// Prepares sprites for drawing.
+    /// Prepares sprites for rendering.
     pub fn new(sprites: Vec<SpriteWithDepth>) -> Self {
         Self {
             info: SpriteInfo::default(),
@@ -61,46 +52,47 @@ impl SpriteSet {
         }
     }
 
-    /// Adds the sprites of another set; info and environment stay.
+    /// Adds the sprites of another set; `info` and `environment` do not change.
     pub fn append(&mut self, other: Self) {
         self.sprites.extend(other.sprites);
     }
 
-    /// The sprites as given.
+    /// The sprites, in the order in which they were added.
     pub fn sprites(&self) -> &[PreparedSprite] {
         &self.sprites
     }
 
-    /// Indices of the sprites in the order in which to draw them for an eye, back to front. A
-    /// sprite that lies wholly beyond the plane of another, as the eye sees it, is drawn before it;
-    /// where that leaves a choice (or contradicts itself, as overlapping sprites can), the one
-    /// whose middle is farther is drawn first.
+    /// Returns the indices of the sprites in drawing order for an eye, back to front. A sprite that
+    /// lies completely behind the plane of another is drawn before it; among sprites without such a
+    /// constraint (or with contradicting constraints, which overlapping sprites can have) the one
+    /// whose mean point is farther is drawn first.
     pub fn back_to_front(&self, eye: DVec3) -> Vec<usize> {
-        let shapes: Vec<SpriteExtent> = self
+        let extents: Vec<SpriteExtent> = self
             .sprites
             .iter()
             .map(|s| SpriteExtent::new(s.sprite(), eye))
             .collect();
-        let mut left: Vec<usize> = (0..shapes.len()).collect();
-        left.sort_by(|&a, &b| {
-            shapes[b]
+        let mut remaining: Vec<usize> = (0..extents.len()).collect();
+        remaining.sort_by(|&a, &b| {
+            extents[b]
                 .distance
-                .total_cmp(&shapes[a].distance)
+                .total_cmp(&extents[a].distance)
                 .then(a.cmp(&b))
         });
-        let mut order = Vec::with_capacity(left.len());
-        while !left.is_empty() {
+        let mut order = Vec::with_capacity(remaining.len());
+        while !remaining.is_empty() {
             let free = |&a: &usize| {
-                left.iter()
-                    .all(|&b| a == b || !shapes[b].is_behind(&shapes[a]))
+                remaining
+                    .iter()
+                    .all(|&b| a == b || !extents[b].is_behind(&extents[a]))
             };
-            let next = left.iter().position(free).unwrap_or(0);
-            order.push(left.remove(next));
+            let next = remaining.iter().position(free).unwrap_or(0);
+            order.push(remaining.remove(next));
         }
         order
     }
 
-    /// Draws all sprites over each other into `frame`, which takes the target's size. Returns the
+    /// Draws all sprites back to front into `frame`, which is resized to the target. Returns the
     /// outcome of each sprite, in the order of [`Self::sprites`].
     pub fn render(
         &self,
@@ -122,20 +114,21 @@ impl SpriteSet {
     }
 }
 
-/// Extent of a sprite's visible part, for ordering.
+/// Extent of a sprite's visible surface, for ordering.
 struct SpriteExtent {
-    /// Points of the visible surface, world.
+    /// Points of the visible surface, world metres.
     points: Vec<DVec3>,
-    /// Unit normal towards the eye, and offset, of its plane.
+    /// Unit normal (towards the eye) and offset of the sprite's plane.
     plane: (DVec3, f64),
-    /// From the eye to the mean of the points, metres.
+    /// Distance from the eye to the mean of the points, metres.
     distance: f64,
 }
 
 /// Sample points along each side of a sprite.
 const SAMPLES_PER_SIDE: u32 = 9;
 
-/// Points of the visible surface of a sprite, world: what tells its order among others.
+/// Samples points of a sprite's visible surface, world metres, from which its drawing order
+/// follows.
 pub fn visible_points(sprite: &SpriteWithDepth) -> Vec<DVec3> {
     let (columns, rows) = sprite.displacement().size();
     let camera = sprite.sprite().camera();
@@ -165,19 +158,19 @@ impl SpriteExtent {
         }
     }
 
-    /// Returns true if this shape must be drawn before `other`: it lies beyond the other's plane,
-    /// or the other in front of its own.
+    /// Returns true if this sprite must be drawn before `other`: it lies behind the other's plane,
+    /// or the other lies in front of its own.
     fn is_behind(&self, other: &Self) -> bool {
-        let sides = |shape: &Self, (normal, offset): (DVec3, f64)| {
-            let distances = shape.points.iter().map(|p| normal.dot(*p) + offset);
+        let range = |extent: &Self, (normal, offset): (DVec3, f64)| {
+            let distances = extent.points.iter().map(|p| normal.dot(*p) + offset);
             distances.fold([f64::MAX, f64::MIN], |[low, high], d| {
                 [low.min(d), high.max(d)]
             })
         };
-        let (mine, theirs) = (sides(self, other.plane), sides(other, self.plane));
-        // The surfaces have depth of their own about their planes: only what is clearly on one side
-        // decides.
-        let (own, others) = (sides(self, self.plane), sides(other, other.plane));
+        let (mine, theirs) = (range(self, other.plane), range(other, self.plane));
+        // Surfaces have an extent about their own planes: only a surface clearly beyond the extent
+        // of the other decides.
+        let (own, others) = (range(self, self.plane), range(other, other.plane));
         mine[1] < others[0] || theirs[0] > own[1]
     }
 }

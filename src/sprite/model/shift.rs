@@ -1,5 +1,5 @@
-//! The 2-D displacement field (S7): what the second pass adds to a position, stored instead of a
-//! displacement.
+//! The 2-D displacement field (S7): stores the shift that the second pass adds to a position,
+//! instead of a displacement.
 
 use crate::warp::field::Field;
 use crate::warp::pure_parallax::NEAREST_DEPTH_SHARE;
@@ -13,7 +13,8 @@ pub(crate) struct ShiftField {
     pub y0: i32,
     pub width: u32,
     pub height: u32,
-    /// Two signed 16-bit numbers, u3 low; [`Self::EMPTY`] where nothing is.
+    /// Two signed 16-bit values, u3 in the low half; [`Self::EMPTY`] in cells without a
+    /// displacement.
     pub cells: Vec<u32>,
     /// Pixels per unit.
     pub scale: f32,
@@ -22,7 +23,7 @@ pub(crate) struct ShiftField {
 impl ShiftField {
     pub(crate) const EMPTY: u32 = 0x8000_8000;
 
-    /// The shifts of displacements after the first pass, at the centres of their cells.
+    /// Computes the shifts at the centres of the cells that the first pass has moved.
     pub(crate) fn new(field: &Field, transfer: &SpriteTransfer, cell_px: [f64; 2]) -> Self {
         let e = -transfer.epipole_in_sprite;
         let shift = |index: usize, cell: u32| {

@@ -4,12 +4,12 @@ use headbox_core::mip::{MipLevel, OddEdge};
 use image::RgbaImage;
 use std::iter::successors;
 
-/// Place of a mip level in a [`Texture`].
+/// Layout of a mip level in a [`Texture`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct LevelLayout {
     /// Index of texel (0, 0) in [`Texture::texels`].
     pub origin: u32,
-    /// Texels from one row to the next.
+    /// Number of texels from one row to the next.
     pub stride: u32,
     /// Columns without the border.
     pub width: u32,
@@ -32,12 +32,13 @@ pub(crate) struct LevelLayout {
 /// ```
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Texture {
-    /// Each texel with the one below it, so that a bilinear footprint is contiguous in memory.
+    /// Pairs of a texel and the texel below it, so that a bilinear footprint is contiguous in
+    /// memory.
     pub texels: Vec<[u32; 2]>,
     pub levels: Vec<LevelLayout>,
 }
 
-/// Transparent columns (rows) beside a level: one before, two after.
+/// Number of transparent columns (rows) around a level: one before, two after.
 const BORDER: u32 = 3;
 
 impl Texture {
@@ -45,7 +46,7 @@ impl Texture {
     pub(crate) fn new(color: &RgbaImage) -> Self {
         let finest = MipLevel {
             size: [color.width() as usize, color.height() as usize],
-            texels: color.pixels().map(|p| premultiplied(p.0)).collect(),
+            texels: color.pixels().map(|p| premultiply(p.0)).collect(),
         };
         let levels = successors(Some(finest), |level| {
             let can_be_halved = level.size.iter().any(|side| *side > 1);
@@ -84,7 +85,7 @@ impl Texture {
 }
 
 /// Multiplies the colour by alpha, rounded to nearest.
-pub(super) fn premultiplied([r, g, b, a]: [u8; 4]) -> [u8; 4] {
+pub(super) fn premultiply([r, g, b, a]: [u8; 4]) -> [u8; 4] {
     let scaled = |c: u8| ((u32::from(c) * u32::from(a) * 2 + 255) / 510) as u8;
     [scaled(r), scaled(g), scaled(b), a]
 }
@@ -127,7 +128,7 @@ mod tests {
     fn premultiplying_rounds_to_nearest() {
         for (c, a) in (0..=255u8).flat_map(|c| (0..=255u8).map(move |a| (c, a))) {
             let want = (f64::from(c) * f64::from(a) / 255.0).round() as u8;
-            assert_eq!(premultiplied([c, 0, 0, a]), [want, 0, 0, a]);
+            assert_eq!(premultiply([c, 0, 0, a]), [want, 0, 0, a]);
         }
     }
 }

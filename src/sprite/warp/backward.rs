@@ -1,5 +1,5 @@
-//! Second pass: one walk over the output (Eq. 7, 8; corrected by C5), for every variant that
-//! samples backwards.
+//! Second pass: one visit of each output pixel (Eq. 7, 8; corrected by C5), for all variants that
+//! sample backward.
 
 use super::cell::Coding;
 use super::field::Field;
@@ -11,51 +11,51 @@ use fearless_simd::{Level, Simd, dispatch, f32x16, i32x16, mask32x16, prelude::*
 use glam::{DVec3, dvec3};
 use rayon::prelude::*;
 
-/// Mapping from positions on the plane to the texture.
+/// Mapping from positions on the plane to positions in the texture.
 #[derive(Clone, Copy)]
 pub(super) enum Parallax<'a> {
-    /// It is there: homography only (Eq. 3).
+    /// Identity: homography only (Eq. 3).
     None,
     /// By a displacement: `(x3, y3, 1) + d3 e21` (Eq. 8 with C5).
     Displacement(&'a Field),
-    /// The same with the first term not divided by its third component, as printed.
+    /// As `Displacement`, with the first term not divided by its third component, as printed.
     AsPrinted(&'a Field),
-    /// The same with the epipole at infinity (S8): no division.
+    /// As `Displacement`, with the epipole at infinity (S8): no division.
     Affine(&'a Field),
     /// By a stored shift (S7, Eq. 9).
     Shift(&'a ShiftField),
 }
 
-/// Everything that stays the same over a frame.
+/// Inputs of a frame.
 pub(super) struct BackwardPlan<'a> {
     pub texture: &'a Texture,
     pub transfer: &'a SpriteTransfer,
-    /// Pixels of the picture per displacement cell.
+    /// Size of a displacement cell in pixels of the image.
     pub cell_px: [f64; 2],
     pub parallax: Parallax<'a>,
 }
 
-/// Cells and how they lie, whichever they are.
+/// Cells of a displacement or shift field, and their layout.
 #[derive(Clone, Copy)]
 struct Cells<'a> {
     cells: &'a [u32],
     origin: [i32; 2],
     size: [u32; 2],
-    /// No displacement is larger; 0 where cells hold none.
+    /// Upper bound of the absolute displacement; 0 for shift fields.
     largest: f32,
 }
 
 impl<'a> Cells<'a> {
-    fn of(parallax: Parallax<'a>) -> Option<Self> {
+    /// Returns the cells of a parallax; `None` if it has none.
+    fn new(parallax: Parallax<'a>) -> Option<Self> {
         match parallax {
             Parallax::None => None,
             Parallax::Displacement(f) | Parallax::AsPrinted(f) | Parallax::Affine(f) => {
-                let largest = f.coding.largest();
                 Some(Self {
                     cells: &f.cells,
                     origin: [f.x0, f.y0],
                     size: [f.width, f.height],
-                    largest,
+                    largest: f.coding.largest(),
                 })
             }
             Parallax::Shift(f) => Some(Self {
@@ -71,94 +71,102 @@ impl<'a> Cells<'a> {
 /// Draws every pixel of a frame of `width` columns.
 pub(super) fn backward(
     level: Level,
-    view: &BackwardPlan,
+    plan: &BackwardPlan,
     nearest: bool,
     width: u32,
     pixels: &mut [u32],
 ) {
     const BAND_ROWS: usize = 16;
-    if width == 0 || Cells::of(view.parallax).is_some_and(|c| c.cells.is_empty()) {
+    if width == 0 || Cells::new(plan.parallax).is_some_and(|c| c.cells.is_empty()) {
         pixels.fill(0);
         return;
     }
     let draw = |(band, pixels): (usize, &mut [u32])| {
         let first = band * BAND_ROWS;
         if nearest {
-            dispatch!(level, simd => rows::<_, true>(simd, view, width as usize, first, pixels));
+            dispatch!(level, simd => draw_band::<_, true>(simd, plan, width as usize, first, pixels));
         } else {
-            dispatch!(level, simd => rows::<_, false>(simd, view, width as usize, first, pixels));
+            dispatch!(level, simd => draw_band::<_, false>(simd, plan, width as usize, first, pixels));
         }
     };
-    let bands = pixels
-        .par_chunks_mut(width as usize * BAND_ROWS)
-        .enumerate();
+    let band_pixels = width as usize * BAND_ROWS;
     if rayon::current_num_threads() == 1 {
+        pixels.chunks_mut(band_pixels).enumerate().for_each(draw);
+    } else {
         pixels
-            .chunks_mut(width as usize * BAND_ROWS)
+            .par_chunks_mut(band_pixels)
             .enumerate()
             .for_each(draw);
-    } else {
-        bands.for_each(draw);
     }
 }
 
+/// Draws the rows of a band, whose first row is `first` of the frame.
 #[inline(always)]
-fn rows<S: Simd, const NEAREST: bool>(
+fn draw_band<S: Simd, const NEAREST: bool>(
     simd: S,
-    view: &BackwardPlan,
+    plan: &BackwardPlan,
     width: usize,
     first: usize,
     pixels: &mut [u32],
 ) {
-    let cells = Cells::of(view.parallax);
+    let cells = Cells::new(plan.parallax);
     let mut footprints = Footprints::new();
-    let mut found = BlockLookups::new();
-    let mut drawn = [0; BLOCK];
-    // Tile by tile: what a row reads the next reads again, from the nearest cache while rows are
-    // short.
+    let mut lookups = BlockLookups::new();
+    let mut colors = [0; BLOCK];
+    // Tile by tile: the next row reads the same cells and texels again, from the first-level cache
+    // while rows are short.
     for left in (0..width).step_by(BLOCK) {
         let right = width.min(left + BLOCK);
         for (y, row) in pixels.chunks_mut(width).enumerate() {
             let y = first + y;
             let mut x = left;
             while x < right {
-                let pixels = one_level(view, [x, y], right - x);
+                let pixels = pixels_of_one_level(plan, [x, y], right - x);
                 let out = &mut row[x..x + pixels];
-                let place = PixelBlock::new(view, cells, [x, y], pixels);
+                let block = PixelBlock::new(plan, cells, [x, y], pixels);
                 x += pixels;
-                let Some(place) = place else {
+                let Some(block) = block else {
                     out.fill(0);
                     continue;
                 };
                 let count = pixels.next_multiple_of(LANES);
-                match view.parallax {
-                    Parallax::None => straight::<S, NEAREST>(simd, &place, count, &mut footprints),
-                    _ => displaced::<S, NEAREST>(
+                match plan.parallax {
+                    Parallax::None => {
+                        undisplaced_footprints::<S, NEAREST>(simd, &block, count, &mut footprints)
+                    }
+                    _ => displaced_footprints::<S, NEAREST>(
                         simd,
-                        view.parallax,
-                        &place,
+                        plan.parallax,
+                        &block,
                         count,
-                        &mut found,
+                        &mut lookups,
                         &mut footprints,
                     ),
                 }
-                sample::<S, NEAREST>(simd, view.texture, &mut footprints, count, &mut drawn);
-                out.copy_from_slice(&drawn[..pixels]);
+                sample::<S, NEAREST>(simd, plan.texture, &mut footprints, count, &mut colors);
+                out.copy_from_slice(&colors[..pixels]);
             }
         }
     }
 }
 
-/// Number of the next `pixels` pixels of a row that are drawn as one block: all if both ends use
-/// the same mip level, else one vector.
+/// Returns the number of pixels to draw as one block: all `pixels` if both ends use the same mip
+/// level, else one vector.
 #[inline(always)]
-fn one_level(view: &BackwardPlan, [x, y]: [usize; 2], pixels: usize) -> usize {
-    let h = &view.transfer.sprite_from_target;
+fn pixels_of_one_level(plan: &BackwardPlan, [x, y]: [usize; 2], pixels: usize) -> usize {
+    let h = &plan.transfer.sprite_from_target;
     let level = |x: f64| {
         let at = h.x_axis * x + (h.y_axis * (y as f64 + 0.5) + h.z_axis);
-        let share = 1.0 / at.z;
-        let levels = view.texture.levels.len();
-        (at.z > 0.0).then(|| mip_level(view.transfer, share, [at.x * share, at.y * share], levels))
+        let inverse_w = 1.0 / at.z;
+        let levels = plan.texture.levels.len();
+        (at.z > 0.0).then(|| {
+            mip_level(
+                plan.transfer,
+                inverse_w,
+                [at.x * inverse_w, at.y * inverse_w],
+                levels,
+            )
+        })
     };
     let (first, last) = (level(x as f64 + 0.5), level((x + pixels) as f64 - 0.5));
     if first == last {
@@ -171,103 +179,105 @@ fn one_level(view: &BackwardPlan, [x, y]: [usize; 2], pixels: usize) -> usize {
 /// Values computed once per block in f64: positions are relative to a whole texel near the block
 /// (the *anchor*), so that f32 resolves them to 1e-5 px.
 struct PixelBlock<'a> {
-    /// (x3 w, y3 w, w) relative to the anchor at the first pixel, over `normalizer`.
+    /// (x3 w, y3 w, w) relative to the anchor at the first pixel, divided by `normalizer`.
     start: [f32; 3],
-    /// Its change from pixel to pixel.
+    /// Change of `start` per pixel.
     step: [f32; 3],
     normalizer: f32,
     texels: TexelMap,
-    /// All pixels of the block are in front, and on the plane lie over texels.
+    /// True if all pixels of the block are in front of the eye and over texels.
     over_texels: bool,
     lookup: Option<Lookup<'a>>,
 }
 
-/// Lookup of the cells of a block.
+/// Parameters of the cell lookup of a block.
 struct Lookup<'a> {
     cells: &'a [u32],
     stride: i32,
     cells_per_px: [f32; 2],
-    /// Cell position of the anchor: what is left after `base`.
-    rest: [f32; 2],
+    /// Cell position of the anchor relative to `base`.
+    fraction: [f32; 2],
     base: [i32; 2],
     size: [i32; 2],
-    /// Positions relative to the anchor beyond which nothing shows.
+    /// Bounds of visible positions, relative to the anchor.
     low: [f32; 2],
     high: [f32; 2],
-    /// e21, its first two components relative to the anchor.
+    /// e21, with the first two components relative to the anchor.
     epipole: [f32; 3],
-    /// All pixels of the block are in front and over cells.
+    /// True if all pixels of the block are in front of the eye and over cells.
     inside: bool,
-    /// Displacements are so small that [`reciprocal_near_one`] serves.
-    gentle: bool,
+    /// True if displacements are so small that [`reciprocal_near_one`] is accurate.
+    small_parallax: bool,
 }
 
-/// Anchors further out than this serve no precision; they keep integers small.
+/// Bound of anchor coordinates, pixels: keeps integers small; farther out the precision does not
+/// matter.
 const FARTHEST_ANCHOR: f64 = 131_072.0;
 
 impl<'a> PixelBlock<'a> {
-    /// `None` if no pixel of the block shows anything.
+    /// Prepares a block; `None` if no pixel of it is visible.
     #[inline(always)]
     fn new(
-        view: &BackwardPlan<'a>,
+        plan: &BackwardPlan<'a>,
         cells: Option<Cells<'a>>,
         [x, y]: [usize; 2],
         pixels: usize,
     ) -> Option<Self> {
-        let h = &view.transfer.sprite_from_target;
+        let h = &plan.transfer.sprite_from_target;
         let y = y as f64 + 0.5;
         let at = |x: f64| h.x_axis * x + (h.y_axis * y + h.z_axis);
         let x = x as f64;
-        // Of what is drawn alone: beyond a narrow frame a plane may be seen at quite another scale.
+        // Only the drawn pixels count: beyond a narrow frame a plane may appear at a very different
+        // scale.
         let length = pixels as f64;
         let (first, middle, last) = (at(x + 0.5), at(x + 0.5 * length), at(x + length - 0.5));
         if first.z <= 0.0 && last.z <= 0.0 {
             return None; // the plane is behind the target eye all along
         }
-        let share = 1.0 / middle.z;
-        let center = [middle.x * share, middle.y * share];
-        let level = mip_level(view.transfer, share, center, view.texture.levels.len());
-        // Pixels this far outside the picture can still touch its border's texels.
+        let inverse_w = 1.0 / middle.z;
+        let center = [middle.x * inverse_w, middle.y * inverse_w];
+        let level = mip_level(plan.transfer, inverse_w, center, plan.texture.levels.len());
+        // Pixels this far outside the image can still touch its border's texels.
         let rim = f64::from(1u32 << level) + 1.0;
-        let (low, high) = bounds(view, cells, rim);
+        let (low, high) = bounds(plan, cells, rim);
         if first.z > 0.0 && last.z > 0.0 && outside([first, last], low, high) {
             return None;
         }
-        let anchor = [whole(center[0]), whole(center[1])];
+        let anchor = [floor_clamped(center[0]), floor_clamped(center[1])];
         let normalizer = if middle.z > 0.0 {
             middle.z
         } else {
             first.z.max(last.z)
         };
         let to_anchor = dvec3(anchor[0], anchor[1], 0.0);
-        let share = if middle.z > 0.0 {
-            share
+        let inverse_w = if middle.z > 0.0 {
+            inverse_w
         } else {
             1.0 / normalizer
         };
-        let start = (first - to_anchor * first.z) * share;
-        let step = (h.x_axis - to_anchor * h.x_axis.z) * share;
+        let start = (first - to_anchor * first.z) * inverse_w;
+        let step = (h.x_axis - to_anchor * h.x_axis.z) * inverse_w;
         Some(Self {
             start: start.as_vec3().to_array(),
             step: step.as_vec3().to_array(),
             normalizer: normalizer as f32,
-            texels: TexelMap::new(view.texture, level, anchor),
+            texels: TexelMap::new(plan.texture, level, anchor),
             over_texels: over(
                 [first, last],
                 [0.0; 2],
                 [
-                    f64::from(view.texture.levels[0].width),
-                    f64::from(view.texture.levels[0].height),
+                    f64::from(plan.texture.levels[0].width),
+                    f64::from(plan.texture.levels[0].height),
                 ],
             ),
-            lookup: cells.map(|cells| Lookup::new(view, cells, anchor, low, high, [first, last])),
+            lookup: cells.map(|cells| Lookup::new(plan, cells, anchor, low, high, [first, last])),
         })
     }
 }
 
-/// The whole pixel before a position; none at all counts as 0.
+/// Rounds a position down to a whole pixel; 0 if it is not finite.
 #[inline(always)]
-fn whole(position: f64) -> f64 {
+fn floor_clamped(position: f64) -> f64 {
     if position.is_finite() {
         position.floor().clamp(-FARTHEST_ANCHOR, FARTHEST_ANCHOR)
     } else {
@@ -275,18 +285,18 @@ fn whole(position: f64) -> f64 {
     }
 }
 
-/// The level at which the picture's pixels are about as large as the frame's: both are compared
-/// along the frame's rows and columns at the block's middle, by the homography; `share` is 1 / w
+/// Selects the mip level whose texels are about as large as the frame's pixels, by the stretch of
+/// the homography along the frame's rows and columns at the block's middle; `inverse_w` is 1 / w
 /// there.
 #[inline(always)]
-fn mip_level(transfer: &SpriteTransfer, share: f64, center: [f64; 2], levels: usize) -> usize {
+fn mip_level(transfer: &SpriteTransfer, inverse_w: f64, center: [f64; 2], levels: usize) -> usize {
     let h = &transfer.sprite_from_target;
     let squared = |column: DVec3| {
-        let (x, y) = (
+        let [x, y] = [
             column.x - center[0] * column.z,
             column.y - center[1] * column.z,
-        );
-        (x * x + y * y) * (share * share)
+        ];
+        (x * x + y * y) * (inverse_w * inverse_w)
     };
     let stretch = squared(h.x_axis).max(squared(h.y_axis));
     // floor(log2(stretch^1/2) + 1/2) = floor(log2(2 stretch) / 2), read off the exponent.
@@ -299,19 +309,20 @@ fn mip_level(transfer: &SpriteTransfer, share: f64, center: [f64; 2], levels: us
     .min(levels - 1)
 }
 
-/// The rectangle of plane positions, in pixels of the picture, outside of which nothing shows.
+/// Returns the rectangle of plane positions, in pixels of the image, outside of which nothing is
+/// visible.
 #[inline(always)]
-fn bounds(view: &BackwardPlan, cells: Option<Cells>, rim: f64) -> ([f64; 2], [f64; 2]) {
+fn bounds(plan: &BackwardPlan, cells: Option<Cells>, rim: f64) -> ([f64; 2], [f64; 2]) {
     match cells {
         None => {
-            let level = &view.texture.levels[0];
+            let level = &plan.texture.levels[0];
             (
                 [-rim; 2],
                 [f64::from(level.width) + rim, f64::from(level.height) + rim],
             )
         }
         Some(Cells { origin, size, .. }) => {
-            let [px, py] = view.cell_px;
+            let [px, py] = plan.cell_px;
             let (x, y) = (f64::from(origin[0]), f64::from(origin[1]));
             let high = [
                 (x + f64::from(size[0])) * px + rim,
@@ -347,24 +358,24 @@ fn outside(ends: [DVec3; 2], low: [f64; 2], high: [f64; 2]) -> bool {
 impl<'a> Lookup<'a> {
     #[inline(always)]
     fn new(
-        view: &BackwardPlan,
+        plan: &BackwardPlan,
         cells: Cells<'a>,
         anchor: [f64; 2],
         low: [f64; 2],
         high: [f64; 2],
         ends: [DVec3; 2],
     ) -> Self {
-        let [px, py] = view.cell_px;
+        let [px, py] = plan.cell_px;
         let x = anchor[0] / px - f64::from(cells.origin[0]);
         let y = anchor[1] / py - f64::from(cells.origin[1]);
         let (column, row) = (x.floor(), y.floor());
-        let e = -view.transfer.epipole_in_sprite;
-        let e = match view.parallax {
+        let e = -plan.transfer.epipole_in_sprite;
+        let e = match plan.parallax {
             Parallax::Affine(_) => dvec3(e.x, e.y, 0.0),
             _ => e - dvec3(anchor[0], anchor[1], 0.0) * e.z,
         };
-        // A line between two positions over the field stays over it; the rest of a cell is for
-        // rounding.
+        // A line between two positions over the field stays over it; the margin of an eighth of a
+        // cell is for rounding.
         let [left, top] = [px, py].map(|side| 0.125 * side);
         let [left, top] = [
             left + f64::from(cells.origin[0]) * px,
@@ -372,20 +383,13 @@ impl<'a> Lookup<'a> {
         ];
         let right = left + (f64::from(cells.size[0]) - 0.25) * px;
         let bottom = top + (f64::from(cells.size[1]) - 0.25) * py;
-        let over_cells = |p: DVec3| {
-            p.z > 0.0
-                && p.x > left * p.z
-                && p.x < right * p.z
-                && p.y > top * p.z
-                && p.y < bottom * p.z
-        };
         Self {
-            inside: ends.into_iter().all(over_cells),
-            gentle: f64::from(cells.largest) * e.z.abs() < GENTLE,
+            inside: over(ends, [left, top], [right, bottom]),
+            small_parallax: f64::from(cells.largest) * e.z.abs() < SMALL_PARALLAX,
             cells: cells.cells,
             stride: cells.size[0] as i32,
             cells_per_px: [(1.0 / px) as f32, (1.0 / py) as f32],
-            rest: [(x - column) as f32, (y - row) as f32],
+            fraction: [(x - column) as f32, (y - row) as f32],
             base: [column as i32, row as i32],
             size: [cells.size[0] as i32, cells.size[1] as i32],
             low: [(low[0] - anchor[0]) as f32, (low[1] - anchor[1]) as f32],
@@ -395,48 +399,49 @@ impl<'a> Lookup<'a> {
     }
 }
 
-/// Position on the plane of sixteen pixels relative to the anchor, whether it is in front, and 1 /
-/// w.
+/// Returns the positions of sixteen pixels on the plane relative to the anchor, a mask of those in
+/// front of the eye, and 1 / w.
 #[inline(always)]
 fn on_plane<S: Simd>(
     simd: S,
-    place: &PixelBlock,
+    block: &PixelBlock,
     first: usize,
 ) -> ([f32x16<S>; 2], mask32x16<S>, f32x16<S>) {
     let lanes = f32x16::load_array_ref(simd, &LANE_NUMBERS) + first as f32;
-    let x = lanes * place.step[0] + place.start[0];
-    let y = lanes * place.step[1] + place.start[1];
-    let w = lanes * place.step[2] + place.start[2];
-    let share = f32x16::splat(simd, 1.0) / w;
-    ([x * share, y * share], w.simd_gt(0.0), share)
+    let x = lanes * block.step[0] + block.start[0];
+    let y = lanes * block.step[1] + block.start[1];
+    let w = lanes * block.step[2] + block.start[2];
+    let inverse_w = f32x16::splat(simd, 1.0) / w;
+    ([x * inverse_w, y * inverse_w], w.simd_gt(0.0), inverse_w)
 }
 
-/// Footprints of a block without parallax.
+/// Computes the footprints of a block without parallax.
 #[inline(always)]
-fn straight<S: Simd, const NEAREST: bool>(
+fn undisplaced_footprints<S: Simd, const NEAREST: bool>(
     simd: S,
-    place: &PixelBlock,
+    block: &PixelBlock,
     count: usize,
     footprints: &mut Footprints,
 ) {
     for first in (0..count).step_by(LANES) {
-        let (position, valid, _) = on_plane(simd, place, first);
-        if place.over_texels {
-            address::<S, NEAREST, true>(simd, &place.texels, position, valid, first, footprints);
+        let (position, valid, _) = on_plane(simd, block, first);
+        if block.over_texels {
+            address::<S, NEAREST, true>(simd, &block.texels, position, valid, first, footprints);
         } else {
-            address::<S, NEAREST, false>(simd, &place.texels, position, valid, first, footprints);
+            address::<S, NEAREST, false>(simd, &block.texels, position, valid, first, footprints);
         }
     }
 }
 
-/// A block's positions on the plane and the cells found there; aligned as cache lines are.
+/// Positions of a block's pixels on the plane, and the cells there; aligned to cache lines.
 #[repr(align(64))]
 struct BlockLookups {
     x: [f32; BLOCK],
     y: [f32; BLOCK],
-    share: [f32; BLOCK],
-    /// Offsets from the centre of the cell, cells.
+    inverse_w: [f32; BLOCK],
+    /// Horizontal offset from the centre of the cell, cells.
     dx: [f32; BLOCK],
+    /// The same, vertical.
     dy: [f32; BLOCK],
     index: [u32; BLOCK],
     cell: [u32; BLOCK],
@@ -448,7 +453,7 @@ impl BlockLookups {
         Self {
             x: zero,
             y: zero,
-            share: zero,
+            inverse_w: zero,
             dx: zero,
             dy: zero,
             index: [0; BLOCK],
@@ -457,37 +462,47 @@ impl BlockLookups {
     }
 }
 
-/// Footprints of a block with parallax.
+/// Computes the footprints of a block with parallax.
 #[inline(always)]
-fn displaced<S: Simd, const NEAREST: bool>(
+fn displaced_footprints<S: Simd, const NEAREST: bool>(
     simd: S,
     parallax: Parallax,
-    place: &PixelBlock,
+    block: &PixelBlock,
     count: usize,
-    found: &mut BlockLookups,
+    lookups: &mut BlockLookups,
     footprints: &mut Footprints,
 ) {
-    let Some(lookup) = &place.lookup else { return };
+    let Some(lookup) = &block.lookup else { return };
     let empty = if matches!(parallax, Parallax::Shift(_)) {
         ShiftField::EMPTY
     } else {
         0
     };
     for first in (0..count).step_by(LANES) {
-        match lookup.inside {
-            true => find_cells::<S, true>(simd, place, lookup, first, found),
-            false => find_cells::<S, false>(simd, place, lookup, first, found),
+        if lookup.inside {
+            find_cells::<S, true>(simd, block, lookup, first, lookups);
+        } else {
+            find_cells::<S, false>(simd, block, lookup, first, lookups);
         }
     }
-    fetch_cells(lookup.cells, &found.index, empty, &mut found.cell, count);
+    fetch_cells(
+        lookup.cells,
+        &lookups.index,
+        empty,
+        &mut lookups.cell,
+        count,
+    );
     for first in (0..count).step_by(LANES) {
-        let cells = u32x16::from_slice(simd, &found.cell[first..first + LANES]);
-        let plane = [load(simd, &found.x, first), load(simd, &found.y, first)];
-        let offset = [load(simd, &found.dx, first), load(simd, &found.dy, first)];
+        let cells = u32x16::from_slice(simd, &lookups.cell[first..first + LANES]);
+        let plane = [load(simd, &lookups.x, first), load(simd, &lookups.y, first)];
+        let offset = [
+            load(simd, &lookups.dx, first),
+            load(simd, &lookups.dy, first),
+        ];
         let known = cells.simd_ne(empty);
         let (position, in_front) = match parallax {
             Parallax::None => (plane, known),
-            Parallax::Shift(field) => (shifted(field.scale, cells, plane), known),
+            Parallax::Shift(field) => (shift_positions(field.scale, cells, plane), known),
             Parallax::Affine(field) => {
                 let d = displacement(&field.coding, cells, offset);
                 (
@@ -502,17 +517,17 @@ fn displaced<S: Simd, const NEAREST: bool>(
                 along_epipole(lookup, plane, displacement(&field.coding, cells, offset))
             }
             Parallax::AsPrinted(field) => {
-                let share = load(simd, &found.share, first) * (1.0 / place.normalizer);
+                let inverse_w = load(simd, &lookups.inverse_w, first) * (1.0 / block.normalizer);
                 along_epipole(
                     lookup,
                     plane,
-                    displacement(&field.coding, cells, offset) * share,
+                    displacement(&field.coding, cells, offset) * inverse_w,
                 )
             }
         };
         address::<S, NEAREST, false>(
             simd,
-            &place.texels,
+            &block.texels,
             position,
             known & in_front,
             first,
@@ -521,8 +536,8 @@ fn displaced<S: Simd, const NEAREST: bool>(
     }
 }
 
-/// The cells of indices; `empty` where there is none. A function of its own, so that what it needs
-/// stays in registers.
+/// Gathers cells by index; `empty` for indices out of range. Not inlined, so that its values stay
+/// in registers.
 #[inline(never)]
 fn fetch_cells(
     cells: &[u32],
@@ -544,7 +559,7 @@ fn load<S: Simd>(simd: S, values: &[f32; BLOCK], first: usize) -> f32x16<S> {
     f32x16::from_slice(simd, &values[first..first + LANES])
 }
 
-/// Eq. 8: `(x3, y3, 1) + d e21`, and whether it is in front.
+/// Evaluates Eq. 8, `(x3, y3, 1) + d e21`; also returns a mask of positions in front of the eye.
 #[inline(always)]
 fn along_epipole<S: Simd>(
     lookup: &Lookup,
@@ -552,37 +567,37 @@ fn along_epipole<S: Simd>(
     d: f32x16<S>,
 ) -> ([f32x16<S>; 2], mask32x16<S>) {
     let w = d * lookup.epipole[2] + 1.0;
-    let share = if lookup.gentle {
+    let inverse_w = if lookup.small_parallax {
         reciprocal_near_one(d * lookup.epipole[2])
     } else {
         f32x16::splat(d.simd, 1.0) / w
     };
-    let x = (plane[0] + d * lookup.epipole[0]) * share;
-    let y = (plane[1] + d * lookup.epipole[1]) * share;
+    let x = (plane[0] + d * lookup.epipole[0]) * inverse_w;
+    let y = (plane[1] + d * lookup.epipole[1]) * inverse_w;
     ([x, y], w.simd_gt(0.0))
 }
 
-/// Below this a series to the third power is right to 2^-26, half a last bit of 1.
-const GENTLE: f64 = 1.0 / 96.0;
+/// Bound below which a series to the third power is accurate to 2^-26, half a last bit of 1.
+const SMALL_PARALLAX: f64 = 1.0 / 96.0;
 
-/// 1 / (1 + t) for |t| < [`GENTLE`]: 1 - t + t^2 - t^3. A division takes as long as all else that
-/// is done with a displacement.
+/// Approximates 1 / (1 + t) for |t| < [`SMALL_PARALLAX`] by 1 - t + t^2 - t^3. A division would
+/// take as long as all other work on a displacement.
 #[inline(always)]
 fn reciprocal_near_one<S: Simd>(t: f32x16<S>) -> f32x16<S> {
     let one = f32x16::splat(t.simd, 1.0);
     (one - t) * (t * t + 1.0)
 }
 
-/// Eq. 9.
+/// Evaluates Eq. 9 for positions on the plane.
 #[inline(always)]
-fn shifted<S: Simd>(scale: f32, cells: u32x16<S>, plane: [f32x16<S>; 2]) -> [f32x16<S>; 2] {
+fn shift_positions<S: Simd>(scale: f32, cells: u32x16<S>, plane: [f32x16<S>; 2]) -> [f32x16<S>; 2] {
     let cells = cells.bitcast::<i32x16<S>>();
     let x = ((cells << 16) >> 16).to_float::<f32x16<S>>() * scale;
     let y = (cells >> 16).to_float::<f32x16<S>>() * scale;
     [plane[0] + x, plane[1] + y]
 }
 
-/// [`Coding::displacement`].
+/// Decodes displacements as [`Coding::displacement`].
 #[inline(always)]
 fn displacement<S: Simd>(coding: &Coding, cells: u32x16<S>, offset: [f32x16<S>; 2]) -> f32x16<S> {
     let value = ((cells >> 16) & 0x7fff).to_float::<f32x16<S>>();
@@ -593,22 +608,22 @@ fn displacement<S: Simd>(coding: &Coding, cells: u32x16<S>, offset: [f32x16<S>; 
         + (slope_x * offset[0] + slope_y * offset[1]) * coding.slope_scale
 }
 
-/// Positions on the plane and the indices of their cells; beyond the field the border's cells go
-/// on, beyond the rim there is no cell.
+/// Computes positions on the plane and the indices of their cells. Border cells extend beyond the
+/// field; there is no cell beyond the rim.
 #[inline(always)]
 fn find_cells<S: Simd, const INSIDE: bool>(
     simd: S,
-    place: &PixelBlock,
+    block: &PixelBlock,
     lookup: &Lookup,
     first: usize,
-    found: &mut BlockLookups,
+    lookups: &mut BlockLookups,
 ) {
-    let (position, in_front, share) = on_plane(simd, place, first);
+    let (position, in_front, inverse_w) = on_plane(simd, block, first);
     let mut inside = in_front;
     let mut cell = [i32x16::splat(simd, 0); 2];
     let mut offset = position;
     for axis in 0..2 {
-        let at = position[axis] * lookup.cells_per_px[axis] + lookup.rest[axis];
+        let at = position[axis] * lookup.cells_per_px[axis] + lookup.fraction[axis];
         let column = if INSIDE {
             at.floor()
         } else {
@@ -630,10 +645,10 @@ fn find_cells<S: Simd, const INSIDE: bool>(
     };
     index
         .bitcast::<u32x16<S>>()
-        .store_slice(&mut found.index[first..first + LANES]);
-    position[0].store_slice(&mut found.x[first..first + LANES]);
-    position[1].store_slice(&mut found.y[first..first + LANES]);
-    share.store_slice(&mut found.share[first..first + LANES]);
-    offset[0].store_slice(&mut found.dx[first..first + LANES]);
-    offset[1].store_slice(&mut found.dy[first..first + LANES]);
+        .store_slice(&mut lookups.index[first..first + LANES]);
+    position[0].store_slice(&mut lookups.x[first..first + LANES]);
+    position[1].store_slice(&mut lookups.y[first..first + LANES]);
+    inverse_w.store_slice(&mut lookups.inverse_w[first..first + LANES]);
+    offset[0].store_slice(&mut lookups.dx[first..first + LANES]);
+    offset[1].store_slice(&mut lookups.dy[first..first + LANES]);
 }

@@ -1,28 +1,28 @@
-//! Displacements as the two passes exchange them: 4 bytes per cell, value and slope.
+//! Cell format of the displacements that the first pass hands to the second: 4 bytes per cell,
+//! value and slope.
 //!
-//! | bits | what |
+//! | bits | content |
 //! |---|---|
-//! | 31 | 1 if the sprite has something to show there, 0 if it is transparent |
+//! | 31 | 1 if the sprite is visible there, 0 if it is transparent |
 //! | 16..31 | value, 1..=32767: displacement = (value - zero) * scale |
 //! | 8..16 | change of the displacement from column to column, signed, in units of `slope_scale` |
 //! | 0..8 | the same from row to row |
 //!
-//! A cell that nothing reached is 0, which no other cell is. When two samples reach one cell, the
-//! larger number wins: the visible one, and of those the nearer one (values grow towards the target
-//! eye, [`crate::SpriteTransfer::side`]). That makes the first pass independent of order, so no
-//! occlusion-compatible traversal is needed (C7).
+//! An empty cell is 0, which no other cell is. When two samples reach one cell, the larger number
+//! wins: a visible one before a transparent one, then the nearer one (values grow towards the
+//! target eye, [`crate::SpriteTransfer::side`]). So the first pass does not depend on order and
+//! needs no occlusion-compatible traversal (C7).
 //!
-//! The slope is why one cell per lookup suffices: a cell is read as a small tilted plane about its
-//! centre, which is as accurate as interpolating between four cells where the surface is smooth,
-//! and keeps edges sharp.
+//! Thanks to the slope one cell per lookup suffices: a cell is read as a small tilted plane about
+//! its centre, which is as accurate as interpolation between four cells where the surface is
+//! smooth, and keeps edges sharp.
 
 /// Largest value of a cell.
 const MAX_VALUE: f32 = 32767.0;
-/// Bit that says that a cell shows something.
+/// Bit that is set in visible cells.
 pub(super) const VISIBLE: u32 = 1 << 31;
-/// Slopes reach as far as this share of the whole range per cell: any steeper is an edge. Half a
-/// unit of slope is then 1/4064 of the range, at most 1/80 px for +-25 px of parallax half a cell
-/// away.
+/// Largest slope per cell as a share of the whole range; steeper changes are edges. Half a unit of
+/// slope is then 1/4064 of the range, at most 1/80 px for +-25 px of parallax half a cell away.
 pub const STEEPEST: f32 = 1.0 / 16.0;
 
 /// Encoding of displacements in cells.
@@ -30,15 +30,15 @@ pub const STEEPEST: f32 = 1.0 / 16.0;
 pub(crate) struct Coding {
     /// Displacement per step; negative if the target eye is behind the plane.
     pub scale: f32,
-    /// Value of displacement 0, exactly; may lie outside 1..=32767.
+    /// Cell value of displacement 0, exact; may lie outside 1..=32767.
     pub zero: f32,
     /// Displacement per cell and unit of slope.
     pub slope_scale: f32,
 }
 
 impl Coding {
-    /// For displacements from `low` to `high` and slopes up to `steepest` per cell; nearer is
-    /// `side` times larger.
+    /// Creates the encoding of displacements from `low` to `high` with slopes up to `steepest` per
+    /// cell. `side` is the sign by which larger displacements are nearer.
     pub(super) fn new(low: f32, high: f32, steepest: f32, side: f32) -> Self {
         let steepest = steepest.min((high - low) * STEEPEST);
         // Extrapolating half a cell (or a whole one, when filling) may leave the range.
@@ -65,7 +65,7 @@ impl Coding {
         }
     }
 
-    /// No cell holds a larger displacement, up to a cell from its centre.
+    /// Returns an upper bound of the absolute displacement within a cell of a cell's centre.
     pub(super) fn largest(&self) -> f32 {
         let ends = [1.0, MAX_VALUE].map(|value| ((value - self.zero) * self.scale).abs());
         ends[0].max(ends[1]) + 2.0 * 127.0 * self.slope_scale
@@ -79,7 +79,7 @@ impl Coding {
         (u32::from(visible) << 31) | (value << 16) | (u32::from(x) << 8) | u32::from(y)
     }
 
-    /// Displacement at (dx, dy) cells from the centre of a cell.
+    /// Returns the displacement at (dx, dy) cells from the centre of a cell.
     pub(crate) fn displacement(&self, cell: u32, dx: f32, dy: f32) -> f32 {
         let [x, y] = slopes(cell);
         let value = (cell >> 16 & 0x7fff) as f32;
@@ -87,7 +87,7 @@ impl Coding {
     }
 }
 
-/// The two slopes of a cell in units.
+/// Returns the two slopes of a cell in units of [`Coding::slope_scale`].
 pub(super) fn slopes(cell: u32) -> [f32; 2] {
     [
         f32::from((cell >> 8) as u8 as i8),

@@ -1,4 +1,4 @@
-//! A grid of displacements: a sprite's own, or what the first pass made of it.
+//! Grid of displacements: a sprite's own, or the output of the first pass.
 
 use super::cell::Coding;
 use super::patches::{Patches, UnpackedField};
@@ -9,23 +9,23 @@ use rayon::prelude::*;
 /// A grid of cells.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Field {
-    /// Column of the sprite's displacement grid that column 0 stands for; not positive.
+    /// Column of the sprite's displacement grid at which column 0 lies; zero or negative.
     pub x0: i32,
-    /// The same of rows.
+    /// The same for rows.
     pub y0: i32,
     pub width: u32,
     pub height: u32,
     /// Row-major.
     pub cells: Vec<u32>,
     pub coding: Coding,
-    /// Smallest and largest displacement in the cells, 0 included; of a sprite's own field only.
+    /// Smallest and largest displacement, extended to include 0; only in a sprite's own field.
     pub range: [f32; 2],
-    /// The same in pieces; of a sprite's own field only.
+    /// The displacements as planar patches; only in a sprite's own field.
     pub patches: Patches,
 }
 
 impl Field {
-    /// No cells at all.
+    /// Creates a field without cells.
     pub(super) fn empty() -> Self {
         let coding = Coding::new(0.0, 0.0, 0.0, 1.0);
         Self {
@@ -40,10 +40,11 @@ impl Field {
         }
     }
 
-    /// The sprite's own displacements (d1), with slopes that do not reach across edges.
-    pub(super) fn of_sprite(sprite: &Sprite, displacement: &Displacement) -> Self {
+    /// Creates the field of a sprite's own displacements (d1), with slopes that do not extend
+    /// across edges.
+    pub(super) fn from_sprite(sprite: &Sprite, displacement: &Displacement) -> Self {
         let (width, height) = displacement.size();
-        let values = smoothed(displacement);
+        let values = smooth(displacement);
         let (low, high) = values.iter().fold((f32::MAX, f32::MIN), |(low, high), &v| {
             (low.min(v), high.max(v))
         });
@@ -59,7 +60,7 @@ impl Field {
                 neighbor(x + 1 < width, x + 1, y),
                 neighbor(y + 1 < height, x, y + 1),
             ];
-            [0, 1].map(|axis| limited(before[axis], here, after[axis]))
+            [0, 1].map(|axis| limited_slope(before[axis], here, after[axis]))
         };
         let pixels = || (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
         let steepest = pixels()
@@ -98,15 +99,16 @@ impl Field {
     }
 }
 
-/// Rounds of smoothing: stairs of up to about twice as many cells a step become ramps.
+/// Number of smoothing rounds: steps up to about twice as many cells wide become ramps.
 pub const SMOOTHING_ROUNDS: usize = 16;
 
-/// Displacements without the stairs of 8 bits: each value moves half-way to the mean of the
-/// neighbours on both its sides, along rows and along columns, but no further than half a step from
-/// what is stored, which rounding would have taken to the same number. Rounding bends a straight
-/// ramp, however steep, by less than two steps: where the stored values bend more there is an edge
-/// or a crease, and that direction does not count. Other formats are fine enough as they are.
-fn smoothed(displacement: &Displacement) -> Vec<f32> {
+/// Decodes displacements and smooths the quantisation steps of 8-bit storage. In each round a value
+/// moves half-way to the mean of its two neighbours along the row and along the column, but stays
+/// within half a step of the stored value, so that it still rounds to it. Rounding bends a straight
+/// ramp, however steep, by less than two steps: a larger second difference of the stored values is
+/// an edge or a crease, and that direction is left out. Other formats are fine enough without
+/// smoothing.
+fn smooth(displacement: &Displacement) -> Vec<f32> {
     let stored = displacement.to_f32();
     if displacement.format() != DisplacementFormat::I8 {
         return stored;
@@ -151,10 +153,10 @@ fn smoothed(displacement: &Displacement) -> Vec<f32> {
     values
 }
 
-/// Slope at the middle of three neighbours: their central difference where both sides agree, none
-/// at an extremum, at most twice the gentler side beside an edge (the monotonised central limiter).
-/// One-sided at the border.
-fn limited(before: Option<f32>, here: f32, after: Option<f32>) -> f32 {
+/// Returns the slope at the middle of three neighbours by the monotonised central limiter: the
+/// central difference, but 0 at an extremum and at most twice the smaller one-sided difference
+/// beside an edge. One-sided at the border.
+fn limited_slope(before: Option<f32>, here: f32, after: Option<f32>) -> f32 {
     let (left, right) = match (before, after) {
         (Some(before), Some(after)) => (here - before, after - here),
         (Some(before), None) => return here - before,
@@ -170,7 +172,7 @@ fn limited(before: Option<f32>, here: f32, after: Option<f32>) -> f32 {
     }
 }
 
-/// For each cell: true if a pixel under it or next to it is not fully transparent.
+/// For each cell, row by row: true if a pixel under it or next to it is not fully transparent.
 fn visible_cells(color: &RgbaImage, width: u32, height: u32) -> impl Iterator<Item = bool> {
     let range = |i: u32, all: u32, count: u32| {
         let edge = |i: u64| i * u64::from(all) / u64::from(count);
@@ -253,9 +255,9 @@ mod tests {
                     .collect();
                 (squares.iter().sum::<f32>() / squares.len() as f32).sqrt()
             };
-            let (before, after) = (error(&stored.to_f32()), error(&smoothed(&stored)));
+            let (before, after) = (error(&stored.to_f32()), error(&smooth(&stored)));
             assert!(after < 0.6 * before, "{slope}: {before} {after}");
-            let jump = smoothed(&stored)[30] - smoothed(&stored)[29];
+            let jump = smooth(&stored)[30] - smooth(&stored)[29];
             assert!(
                 (jump - (exact(30) - exact(29))).abs() < 2.0 * scale,
                 "the cliff stays"
@@ -265,11 +267,11 @@ mod tests {
 
     #[test]
     fn slopes_do_not_cross_edges() {
-        let limited = |before, here, after| limited(Some(before), here, Some(after));
+        let limited = |before, here, after| limited_slope(Some(before), here, Some(after));
         assert_eq!(limited(0.0, 1.0, 2.0), 1.0);
         assert_eq!(limited(0.0, 0.0, 5.0), 0.0);
         assert_eq!(limited(0.0, 0.1, 5.0), 0.2);
         assert_eq!(limited(1.0, 0.0, 1.0), 0.0);
-        assert_eq!(super::limited(None, 1.0, Some(3.0)), 2.0);
+        assert_eq!(limited_slope(None, 1.0, Some(3.0)), 2.0);
     }
 }

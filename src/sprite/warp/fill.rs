@@ -1,40 +1,40 @@
-//! Filling the gaps that the first pass leaves (S9, C7).
+//! Gap filling after the first pass (S9, C7).
 
 use super::cell::{Coding, VISIBLE};
 use fearless_simd::{Simd, f32x16, i32x16, prelude::*, u32x16};
 
-/// Cells that are looked at together: this many of one row.
+/// Number of cells of a row that are processed together.
 const LANES: usize = 16;
 
 /// Buffers of gap filling, reused from frame to frame.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Gaps {
+pub(super) struct GapBuffers {
     /// Blocks with gaps, ascending.
     blocks: Vec<CellBlock>,
-    /// Those of them that still have gaps after a step.
+    /// Blocks that still have gaps after a step.
     open: Vec<CellBlock>,
-    /// First cells of blocks that a step changes, and their cells after it.
+    /// Start and new cells of the blocks that a step changes.
     filled: Vec<(u32, [u32; LANES])>,
 }
 
-/// [`LANES`] cells of a row; all of a row that is shorter. Blocks begin with rows; the last of a
-/// row ends with it, and shares cells with the one before.
+/// [`LANES`] consecutive cells of a row, or a whole shorter row. The first block of a row starts
+/// with it; the last one ends with it, and overlaps the one before.
 #[derive(Clone, Copy, Debug)]
 struct CellBlock {
-    /// Its first cell.
+    /// Index of its first cell.
     start: u32,
-    /// [`FIRST`] and [`LAST`] if the row begins or ends with it.
+    /// [`FIRST`] if the row begins with it, [`LAST`] if the row ends with it.
     ends: u32,
 }
 
 const FIRST: u32 = 1;
 const LAST: u32 = 2;
 
-/// Grows what was reached by one cell, `steps` times, in rows of `width` cells. A gap takes the
-/// displacement of a neighbour, continued along that neighbour's slope: of visible neighbours
-/// before transparent ones, and of those the one farthest from the target eye, since what a nearer
-/// surface uncovers is the background. In a gap that a magnified smooth surface leaves all
-/// neighbours agree.
+/// Grows the filled cells into the empty ones by one cell, `steps` times, in rows of `width` cells.
+/// An empty cell takes the displacement of a neighbour, extrapolated along that neighbour's slope:
+/// visible neighbours before transparent ones, then the one farthest from the target eye, since a
+/// gap at a silhouette is a disocclusion of the background. In a gap within a magnified smooth
+/// surface all neighbours agree.
 #[inline(always)]
 pub(super) fn fill<S: Simd>(
     simd: S,
@@ -42,7 +42,7 @@ pub(super) fn fill<S: Simd>(
     width: usize,
     coding: &Coding,
     steps: u32,
-    gaps: &mut Gaps,
+    gaps: &mut GapBuffers,
 ) {
     if steps == 0 || width == 0 {
         return;
@@ -66,7 +66,7 @@ pub(super) fn fill<S: Simd>(
     }
 }
 
-/// The blocks of which some cells are empty.
+/// Collects the blocks with empty cells.
 #[inline(always)]
 fn find_gaps<S: Simd>(simd: S, cells: &[u32], width: usize, blocks: &mut Vec<CellBlock>) {
     blocks.clear();
@@ -94,9 +94,9 @@ fn find_gaps<S: Simd>(simd: S, cells: &[u32], width: usize, blocks: &mut Vec<Cel
     }
 }
 
-/// One step, found but not yet done.
+/// Computes one step into `gaps.filled`, without changing `cells`.
 #[inline(always)]
-fn grow<S: Simd>(simd: S, cells: &[u32], width: usize, coding: &Coding, gaps: &mut Gaps) {
+fn grow<S: Simd>(simd: S, cells: &[u32], width: usize, coding: &Coding, gaps: &mut GapBuffers) {
     // Value steps per unit of slope.
     let ratio = coding.slope_scale / coding.scale;
     let count = LANES.min(width);
@@ -113,38 +113,43 @@ fn grow<S: Simd>(simd: S, cells: &[u32], width: usize, coding: &Coding, gaps: &m
         } else {
             u32::MAX
         };
-        let (left, right) = (lanes(simd, cells, start - 1), lanes(simd, cells, start + 1));
+        let (left, right) = (
+            load_lanes(simd, cells, start - 1),
+            load_lanes(simd, cells, start + 1),
+        );
         let neighbors = [
             (lane.simd_eq(first).select(zero, left), ratio, 8),
             (lane.simd_eq(last).select(zero, right), -ratio, 8),
-            (lanes(simd, cells, start - width as isize), ratio, 0),
-            (lanes(simd, cells, start + width as isize), -ratio, 0),
+            (load_lanes(simd, cells, start - width as isize), ratio, 0),
+            (load_lanes(simd, cells, start + width as isize), -ratio, 0),
         ];
-        let here = lanes(simd, cells, start);
-        // Flipping the visible bit makes "visible first, then farthest" the least.
+        let here = load_lanes(simd, cells, start);
+        // With the visible bit flipped, the minimum is "visible first, then farthest".
         let none = u32x16::splat(simd, u32::MAX);
         let mut best = none;
         for (cells, ratio, slope_bit) in neighbors {
-            let preferred = continued(cells, ratio, slope_bit) ^ VISIBLE;
+            let preferred = extrapolate(cells, ratio, slope_bit) ^ VISIBLE;
             best = best.min(cells.simd_eq(0).select(none, preferred));
         }
-        let taken = here.simd_eq(0) & best.simd_ne(u32::MAX);
+        let fillable = here.simd_eq(0) & best.simd_ne(u32::MAX);
         if (here.simd_eq(0) & best.simd_eq(u32::MAX)).any_true() {
             gaps.open.push(block);
         }
-        if taken.any_true() {
-            gaps.filled
-                .push((block.start, taken.select(best ^ VISIBLE, here).to_array()));
+        if fillable.any_true() {
+            gaps.filled.push((
+                block.start,
+                fillable.select(best ^ VISIBLE, here).to_array(),
+            ));
         }
     }
 }
 
-/// Numbers of the cells in a vector.
+/// Lane numbers of a vector.
 const LANE_NUMBERS: [u32; LANES] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
 
-/// [`LANES`] cells from `start`; 0 before the first and beyond the last.
+/// Loads [`LANES`] cells from `start`; 0 before the first and after the last cell.
 #[inline(always)]
-fn lanes<S: Simd>(simd: S, all: &[u32], start: isize) -> u32x16<S> {
+fn load_lanes<S: Simd>(simd: S, all: &[u32], start: isize) -> u32x16<S> {
     if start >= 0
         && let Some(found) = all.get(start as usize..start as usize + LANES)
     {
@@ -158,10 +163,10 @@ fn lanes<S: Simd>(simd: S, all: &[u32], start: isize) -> u32x16<S> {
     u32x16::load_array(simd, cells)
 }
 
-/// The same surface a cell further: `ratio` is what a unit of slope changes the value by,
-/// `slope_bit` where the slope begins.
+/// Extrapolates cells to their neighbours: `ratio` is the change of the value per unit of slope,
+/// `slope_bit` the lowest bit of the slope.
 #[inline(always)]
-fn continued<S: Simd>(cells: u32x16<S>, ratio: f32, slope_bit: u32) -> u32x16<S> {
+fn extrapolate<S: Simd>(cells: u32x16<S>, ratio: f32, slope_bit: u32) -> u32x16<S> {
     let slope = ((cells.bitcast::<i32x16<S>>() << (24 - slope_bit)) >> 24).to_float::<f32x16<S>>();
     let value = ((cells >> 16) & 0x7fff).to_float::<f32x16<S>>() + (slope * ratio + 0.5);
     let value = value
@@ -178,7 +183,7 @@ mod tests {
     use fearless_simd::{Level, dispatch};
 
     fn filled(width: usize, mut cells: Vec<u32>, coding: &Coding, steps: u32) -> Vec<u32> {
-        dispatch!(Level::new(), simd => fill::<_>(simd, &mut cells, width, coding, steps, &mut Gaps::default()));
+        dispatch!(Level::new(), simd => fill::<_>(simd, &mut cells, width, coding, steps, &mut GapBuffers::default()));
         cells
     }
 

@@ -1,17 +1,17 @@
 //! First pass: moving displacements by pure parallax (Eq. 6), d1(x1, y1) to d3(x3, y3) with d3 = d1
 //! / w3 (C5).
 //!
-//! Tiles that lie on planes ([`super::patches`]) are drawn whole, as the parallelograms that they
-//! become ([`super::planes`]); the cells of all others go one by one. There are no more bands of
-//! rows than threads: neighbours draw the same tiles (docs/decisions/0044).
+//! Planar tiles ([`super::patches`]) are drawn whole, as the parallelograms to which they map
+//! ([`super::planes`]); all other cells move one by one. There are no more bands of rows than
+//! threads, since neighbouring bands draw the same tiles (docs/decisions/0044).
 
 use super::cell::{Coding, VISIBLE, slopes};
 use super::field::Field;
-use super::fill::{Gaps, fill};
+use super::fill::{GapBuffers, fill};
 use super::patches::{BLOCK_SIDE, GROUP, PatchGroup, TILE};
 use super::planes::{Setups, draw_patch, set_up, slope_units};
 use super::pure_parallax::{
-    CellBand, Encoding, FirstPass, NEAREST_DEPTH_SHARE, PureParallax, StoredValue, moved,
+    CellBand, Encoding, FirstPass, NEAREST_DEPTH_SHARE, PureParallax, StoredValue, move_position,
 };
 use super::sampling::COPIES;
 use super::transfer::SpriteTransfer;
@@ -20,68 +20,68 @@ use rayon::prelude::*;
 
 /// Buffers of a band of rows, reused from frame to frame.
 #[derive(Clone, Debug, Default)]
-pub(super) struct BandMemory {
-    /// The band's rows and those around it that filling looks at.
+pub(super) struct BandBuffers {
+    /// The band's rows, and the rows around it that gap filling reads.
     cells: Vec<u32>,
-    gaps: Gaps,
+    gaps: GapBuffers,
 }
 
-/// Moves `source` (the sprite's d1) into `out`, which takes the size that the parallax needs, and
-/// fills its gaps.
+/// Moves `source` (the sprite's d1) into `out`, which is resized to hold the result, and fills its
+/// gaps.
 ///
-/// A pure function of its input: bands of rows are only a matter of threads. Filling looks as many
-/// rows up and down as it takes steps: a band draws these too, in memory of its own, so that no
-/// thread waits for another in between.
+/// The result does not depend on the number of threads. Gap filling reads as many rows up and down
+/// as it takes steps: a band draws these too, in its own memory, so that no thread waits for
+/// another in between.
 pub(super) fn forward(
     level: Level,
     source: &Field,
     transfer: &SpriteTransfer,
     pass: FirstPass,
     out: &mut Field,
-    memory: &mut Vec<BandMemory>,
+    memory: &mut Vec<BandBuffers>,
 ) {
     let (parallax, range) = PureParallax::new(source, transfer, pass, out);
     let (width, height) = (out.width as usize, out.height as usize);
     out.cells.resize(width * height, 0);
     let steps = pass.fill_steps as usize;
-    // A band shorter than what it draws beside it would be mostly that.
+    // A band with fewer rows than its margins would draw mostly margins.
     let bands = rayon::current_num_threads()
         .min(height / (2 * steps).max(1))
         .max(1);
     let band_rows = height.div_ceil(bands).max(1);
-    memory.resize_with(bands, BandMemory::default);
+    memory.resize_with(bands, BandBuffers::default);
     let coding = out.coding;
-    let finish = |rows: [usize; 2], cells: &mut [u32], gaps: &mut Gaps| {
+    let draw_rows = |rows: [usize; 2], cells: &mut [u32], gaps: &mut GapBuffers| {
         cells.fill(0);
         dispatch!(level, simd => {
             forward_band(simd, source, &parallax, range, rows, cells);
             fill(simd, cells, width, &coding, pass.fill_steps, gaps);
         });
     };
-    let whole_band = |(band, (own, memory)): (usize, (&mut [u32], &mut BandMemory))| {
+    let draw_band = |(band, (own, memory)): (usize, (&mut [u32], &mut BandBuffers))| {
         let first = band * band_rows;
         let end = first + own.len() / width;
         let around = [first.saturating_sub(steps), (end + steps).min(height)];
         if around == [first, end] {
-            finish(around, own, &mut memory.gaps);
+            draw_rows(around, own, &mut memory.gaps);
             return;
         }
         memory.cells.resize((around[1] - around[0]) * width, 0);
-        finish(around, &mut memory.cells, &mut memory.gaps);
+        draw_rows(around, &mut memory.cells, &mut memory.gaps);
         own.copy_from_slice(&memory.cells[(first - around[0]) * width..][..own.len()]);
     };
     if let [memory] = memory.as_mut_slice() {
-        whole_band((0, (&mut out.cells, memory)));
+        draw_band((0, (&mut out.cells, memory)));
     } else {
         out.cells
             .par_chunks_mut(width * band_rows)
             .zip(memory)
             .enumerate()
-            .for_each(whole_band);
+            .for_each(draw_band);
     }
 }
 
-/// Moves everything that lands in the rows `first..end` of the output.
+/// Moves all patches and cells that may reach the rows `first..end` of the output.
 #[inline(always)]
 fn forward_band<S: Simd>(
     simd: S,
@@ -101,22 +101,21 @@ fn forward_band<S: Simd>(
     let mut setups = Setups::new();
     for (number, strip) in source.patches.strips.iter().enumerate() {
         let y0 = number as u32 * TILE;
-        // Rows stay together up to their displacements: a strip reaches only these.
+        // Range of output rows that the strip can reach under all displacements.
         let edges = [y0 as f32, (y0 + TILE) as f32];
-        let reached = edges
+        let ends = edges
             .into_iter()
-            .flat_map(|y| range.map(|d| moved(y, d, epipole_y, epipole_z)));
-        let reached = reached.fold([f32::MAX, f32::MIN], |[low, high], y| {
+            .flat_map(|y| range.map(|d| move_position(y, d, epipole_y, epipole_z)));
+        let ends = ends.fold([f32::MAX, f32::MIN], |[low, high], y| {
             [low.min(y), high.max(y)]
         });
-        let [low, high] = reached.map(|y| y + parallax.origin[1]);
+        let [low, high] = ends.map(|y| y + parallax.origin[1]);
         if high < first as f32 - 1.0 || low > end as f32 + 1.0 {
             continue;
         }
         for group in &strip.groups {
             let whole = set_up(simd, parallax, group, &mut setups);
-            // Neighbours not one after the other: reading cells that were written a moment ago is
-            // waited for.
+            // Neighbours are not drawn one after the other: loads of recently written cells stall.
             for lane in (0..GROUP).map(|i| i * 5 % GROUP) {
                 if whole >> lane & 1 == 1 {
                     draw_patch(simd, &setups, lane, &mut band);
@@ -124,19 +123,9 @@ fn forward_band<S: Simd>(
                 }
                 let side = (2.0 * group.half[lane]) as u32;
                 if side > 0 {
-                    let corner = [
-                        group.x[lane] - group.half[lane],
-                        group.y[lane] - group.half[lane],
-                    ];
-                    move_square(
-                        simd,
-                        source,
-                        parallax,
-                        corner.map(|v| v as u32),
-                        side,
-                        &mut setups,
-                        &mut band,
-                    );
+                    let corner = [group.x[lane], group.y[lane]];
+                    let corner = corner.map(|center| (center - group.half[lane]) as u32);
+                    move_square(simd, source, parallax, corner, side, &mut setups, &mut band);
                 }
             }
         }
@@ -154,8 +143,8 @@ fn forward_band<S: Simd>(
     }
 }
 
-/// Moves a square of cells one by one, in blocks of [`BLOCK_SIDE`]. A cell that is magnified moves
-/// as a patch too, so that nothing farther shows through a surface between its cells.
+/// Moves a square of cells one by one, in blocks of [`BLOCK_SIDE`]. A magnified cell is also drawn
+/// as a patch, so that no farther surface shows through between cells.
 fn move_square<S: Simd>(
     simd: S,
     source: &Field,
@@ -167,12 +156,12 @@ fn move_square<S: Simd>(
 ) {
     simd.vectorize(
         #[inline(always)]
-        || move_square_at(simd, source, parallax, corner, side, setups, band),
+        || move_square_kernel(simd, source, parallax, corner, side, setups, band),
     );
 }
 
 #[inline(always)]
-fn move_square_at<S: Simd>(
+fn move_square_kernel<S: Simd>(
     simd: S,
     source: &Field,
     parallax: &PureParallax,
@@ -183,7 +172,7 @@ fn move_square_at<S: Simd>(
 ) {
     for y in (y0..y0 + side).step_by(BLOCK_SIDE as usize) {
         for x in (x0..x0 + side).step_by(BLOCK_SIDE as usize) {
-            let block = block_of(simd, source, [x, y]);
+            let block = load_block(simd, source, [x, y]);
             let position = [x as f32 + 0.5, y as f32 + 0.5];
             let (moved, magnified) = move_cells(simd, parallax, block, position, band);
             scatter(simd, moved, band.cells);
@@ -191,7 +180,7 @@ fn move_square_at<S: Simd>(
                 let whole = set_up(
                     simd,
                     parallax,
-                    &cells_as_patches(&block.to_array(), parallax, position),
+                    &cells_to_patches(&block.to_array(), parallax, position),
                     setups,
                 );
                 for lane in (0..GROUP).filter(|lane| (whole & magnified) >> lane & 1 == 1) {
@@ -202,9 +191,9 @@ fn move_square_at<S: Simd>(
     }
 }
 
-/// The cells of a block, row-major; 0 beyond the field.
+/// Loads the cells of a block, row-major; 0 outside the field.
 #[inline(always)]
-fn block_of<S: Simd>(simd: S, source: &Field, [x, y]: [u32; 2]) -> u32x16<S> {
+fn load_block<S: Simd>(simd: S, source: &Field, [x, y]: [u32; 2]) -> u32x16<S> {
     let width = source.width as usize;
     let start = y as usize * width + x as usize;
     if x + BLOCK_SIDE <= source.width
@@ -230,8 +219,8 @@ fn block_of<S: Simd>(simd: S, source: &Field, [x, y]: [u32; 2]) -> u32x16<S> {
     u32x16::load_array(simd, block)
 }
 
-/// The cells of a block that begins with the cell centred at `position`.
-fn cells_as_patches(
+/// Converts the cells of a block, whose first cell is centred at `position`, to patches.
+fn cells_to_patches(
     block: &[u32; GROUP],
     parallax: &PureParallax,
     position: [f32; 2],
@@ -247,20 +236,20 @@ fn cells_as_patches(
     group
 }
 
-/// Sixteen indices into a band and the cells to put there; an index beyond every band where there
-/// is nothing to put.
+/// Sixteen indices into a band and the cells to store there; lanes without a cell have an index
+/// outside every band.
 type MovedCells<S> = (u32x16<S>, u32x16<S>);
 
-/// Places in groups of four neighbours.
-const IN_STEP: [u32; 16] = [0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3];
+/// Offsets of the lanes in groups of four neighbours.
+const NEIGHBOR_OFFSETS: [u32; 16] = [0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3];
 
-/// The nearer of what is there and what comes. Where a surface is smooth most groups of four stay
-/// neighbours, and go to memory together.
+/// Keeps the nearer of the stored and the moved cell. On smooth surfaces most groups of four stay
+/// neighbours, and are stored together.
 #[inline(always)]
 fn scatter<S: Simd>(simd: S, (indices, values): MovedCells<S>, cells: &mut [u32]) {
     let firsts = indices.swizzle_dyn_within_blocks(u8x64::load_array_ref(simd, &COPIES[0]));
-    let in_step = (indices - firsts)
-        .simd_eq(u32x16::load_array_ref(simd, &IN_STEP))
+    let adjacent = (indices - firsts)
+        .simd_eq(u32x16::load_array_ref(simd, &NEIGHBOR_OFFSETS))
         .to_bitmask();
     let (indices, values) = (indices.to_array(), values.to_array());
     for group in 0..4 {
@@ -269,7 +258,7 @@ fn scatter<S: Simd>(simd: S, (indices, values): MovedCells<S>, cells: &mut [u32]
             &values[4 * group..4 * group + 4],
         );
         let first = indices[0] as usize;
-        if in_step >> (4 * group) & 15 == 15
+        if adjacent >> (4 * group) & 15 == 15
             && let Some(target) = cells.get_mut(first..first + 4)
         {
             u32x4::from_slice(simd, target)
@@ -285,16 +274,17 @@ fn scatter<S: Simd>(simd: S, (indices, values): MovedCells<S>, cells: &mut [u32]
     }
 }
 
-/// Columns and rows of the cells of a block.
+/// Column of each cell of a block.
 const BLOCK_COLUMNS: [f32; 16] = [
     0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0,
 ];
+/// Row of each cell of a block.
 const BLOCK_ROWS: [f32; 16] = [
     0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 2.0, 2.0, 2.0, 2.0, 3.0, 3.0, 3.0, 3.0,
 ];
 
-/// The cells of a block, the first of them centred at `position`; and a bit for each that is
-/// magnified.
+/// Moves the cells of a block, the first centred at `position`; also returns a bit mask of the
+/// magnified ones.
 #[inline(always)]
 fn move_cells<S: Simd>(
     simd: S,
@@ -308,19 +298,19 @@ fn move_cells<S: Simd>(
     let x = f32x16::load_array_ref(simd, &BLOCK_COLUMNS) + position[0];
     let y = f32x16::load_array_ref(simd, &BLOCK_ROWS) + position[1];
     let w3 = d * ez + 1.0;
-    // Slopes seen from the new place: grad3 d3 = grad1 d1 / (w3 + (e - x1 e_z) . grad1 d1). Where
-    // that goes to zero or below, the surface turns away from the target eye.
+    // Slopes at the new position: grad3 d3 = grad1 d1 / (w3 + (e - x1 e_z) . grad1 d1). Where the
+    // denominator is zero or negative, the surface faces away from the target eye.
     let toward_x = f32x16::splat(simd, ex) - x * ez;
     let stretch = w3 + toward_x * slope_x + slope_y * (f32x16::splat(simd, ey) - y * ez);
     let stretch = stretch.max(w3 * 0.25);
     // One division for 1 / w3 and 1 / stretch.
     let both = f32x16::splat(simd, 1.0) / (w3 * stretch);
-    let share = both * stretch;
-    let x3 = (x + d * ex) * share;
-    let y3 = (y + d * ey) * share;
+    let inverse_w3 = both * stretch;
+    let x3 = (x + d * ex) * inverse_w3;
+    let y3 = (y + d * ey) * inverse_w3;
     let (column, row) = (x3.floor(), y3.floor());
     let (value, factor) = match parallax.stored {
-        StoredValue::Corrected => (d * share, both * w3),
+        StoredValue::Corrected => (d * inverse_w3, both * w3),
         StoredValue::AsPrinted => (d, both * w3 * w3 * w3),
     };
     let (slope_x, slope_y) = (slope_x * factor, slope_y * factor);
@@ -350,18 +340,21 @@ fn move_cells<S: Simd>(
         slope_x,
         slope_y,
     );
-    let magnified = share.max(stretch * share * share).simd_gt(MAGNIFIED) & cells.simd_ne(0);
+    let magnified = inverse_w3
+        .max(stretch * inverse_w3 * inverse_w3)
+        .simd_gt(MAGNIFIED)
+        & cells.simd_ne(0);
     (
         (index.bitcast::<u32x16<S>>(), packed),
         magnified.to_bitmask(),
     )
 }
 
-/// Cells that move apart by more than this leave gaps side by side. Below, a gap is one cell wide,
-/// and filling takes it from its neighbours.
+/// Magnification above which moved cells leave adjacent gaps. Below it a gap is one cell wide, and
+/// gap filling closes it from its neighbours.
 pub const MAGNIFIED: f32 = 1.5;
 
-/// [`Coding::displacement`] at the centre, and the slopes.
+/// Decodes the displacements at the cell centres, as [`Coding::displacement`], and the slopes.
 #[inline(always)]
 fn decode<S: Simd>(cells: u32x16<S>, coding: &Coding) -> (f32x16<S>, f32x16<S>, f32x16<S>) {
     let value = ((cells >> 16) & 0x7fff).to_float::<f32x16<S>>();
@@ -371,7 +364,7 @@ fn decode<S: Simd>(cells: u32x16<S>, coding: &Coding) -> (f32x16<S>, f32x16<S>, 
     ((value - coding.zero) * coding.scale, slope_x, slope_y)
 }
 
-/// [`Coding::pack`] with the visibility of `source`.
+/// Packs cells as [`Coding::pack`], with the visibility of `source`.
 #[inline(always)]
 fn encode<S: Simd>(
     encoding: &Encoding,
@@ -421,7 +414,7 @@ mod tests {
             .collect();
         let displacement =
             Displacement::new(SIDE, SIDE, &values, DisplacementFormat::F32).expect("finite");
-        let field = Field::of_sprite(&sprite, &displacement);
+        let field = Field::from_sprite(&sprite, &displacement);
         let transfer = SpriteTransfer::from_parts(DMat3::IDENTITY, dvec3(4.0, 60.0, 0.05), 1.0)
             .expect("regular");
         let moved = |threads: usize| {

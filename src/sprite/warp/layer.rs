@@ -3,17 +3,17 @@
 use image::RgbImage;
 
 /// A layer of 8-bit sRGB with premultiplied alpha, row-major; transparent pixels are all zero.
-/// [`crate::compose`] makes a [`headbox_core::frame::Frame`] of layers.
+/// [`crate::compose`] composites layers into a [`headbox_core::frame::Frame`].
 #[derive(Clone, Debug, PartialEq, Eq, Default)]
 pub struct SpriteLayer {
-    width: u32,
+    pub(super) width: u32,
     height: u32,
     /// Red in the lowest byte, alpha in the highest.
     pub(super) pixels: Vec<u32>,
 }
 
 impl SpriteLayer {
-    /// A transparent frame.
+    /// Creates a transparent layer.
     pub fn new(width: u32, height: u32) -> Self {
         Self {
             width,
@@ -22,13 +22,13 @@ impl SpriteLayer {
         }
     }
 
-    /// Takes a size; all pixels become transparent.
+    /// Resizes the layer and makes all pixels transparent.
     pub fn reset(&mut self, width: u32, height: u32) {
         self.resize(width, height);
         self.pixels.fill(0);
     }
 
-    /// Takes a size; what the pixels hold is left open.
+    /// Resizes the layer; the pixels are unspecified.
     pub(super) fn resize(&mut self, width: u32, height: u32) {
         (self.width, self.height) = (width, height);
         self.pixels.resize(width as usize * height as usize, 0);
@@ -44,39 +44,33 @@ impl SpriteLayer {
         bytemuck::cast_slice(&self.pixels)
     }
 
-    /// Draws `front` over this frame: out = front + back * (1 - alpha of front), rounded to
-    /// nearest. Where the sizes differ only what both cover changes.
+    /// Composites `front` over this layer: out = front + back * (1 - alpha of front), rounded to
+    /// nearest. If the sizes differ, only the common rectangle changes.
     pub fn draw_over(&mut self, front: &Self) {
-        let width = (self.width as usize).max(1);
-        for (back, front) in self
-            .pixels
-            .chunks_mut(width)
-            .zip(front.pixels.chunks((front.width as usize).max(1)))
-        {
+        let [width, front_width] = [self.width, front.width].map(|width| width.max(1) as usize);
+        let rows = self.pixels.chunks_mut(width);
+        for (back, front) in rows.zip(front.pixels.chunks(front_width)) {
             for (back, &front) in back.iter_mut().zip(front) {
                 *back = over(front, *back);
             }
         }
     }
 
-    /// Over an opaque colour, as an image without alpha.
+    /// Composites the layer over an opaque colour.
     pub fn to_rgb(&self, background: [u8; 3]) -> RgbImage {
         let [r, g, b] = background;
         let back = u32::from_le_bytes([r, g, b, 255]);
         RgbImage::from_fn(self.width, self.height, |x, y| {
-            let [r, g, b, _] = over(
-                self.pixels[y as usize * self.width as usize + x as usize],
-                back,
-            )
-            .to_le_bytes();
+            let front = self.pixels[y as usize * self.width as usize + x as usize];
+            let [r, g, b, _] = over(front, back).to_le_bytes();
             image::Rgb([r, g, b])
         })
     }
 }
 
-/// A premultiplied pixel with straight alpha.
+/// Converts a pixel from premultiplied to straight alpha.
 #[inline]
-pub(crate) fn straight([r, g, b, a]: [u8; 4]) -> [u8; 4] {
+pub(crate) fn unpremultiply([r, g, b, a]: [u8; 4]) -> [u8; 4] {
     if a == 0 || a == 255 {
         return [r, g, b, a];
     }
@@ -85,7 +79,7 @@ pub(crate) fn straight([r, g, b, a]: [u8; 4]) -> [u8; 4] {
     [straight(r), straight(g), straight(b), a]
 }
 
-/// Premultiplied `front` over premultiplied `back`.
+/// Composites premultiplied `front` over premultiplied `back`.
 fn over(front: u32, back: u32) -> u32 {
     let (front, back) = (front.to_le_bytes(), back.to_le_bytes());
     let rest = 255 - u32::from(front[3]);

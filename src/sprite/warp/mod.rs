@@ -1,6 +1,6 @@
-//! Drawing sprites. First pass: `forward` (with `planes`, `patches`, `pure_parallax`, `cell`) moves
-//! displacements, `fill` closes gaps in the `field`. Second pass: `backward` samples the texture
-//! (`sampling`) by the homography (`transfer`) and the moved displacements. `splat` is the
+//! Sprite rendering. First pass: `forward` (with `planes`, `patches`, `pure_parallax`, `cell`)
+//! moves displacements, `fill` closes gaps in the `field`. Second pass: `backward` samples the
+//! texture (`sampling`) by the homography (`transfer`) and the moved displacements. `splat` is the
 //! forward-mapped baseline; `render` chooses among all variants.
 
 mod backward;

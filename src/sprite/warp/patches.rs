@@ -1,21 +1,21 @@
-//! The displacements of a sprite in pieces that the first pass moves whole: where a tile of 16 x
-//! 16, 8 x 8 or 4 x 4 cells lies on a plane, the plane moves instead of its cells. Pure parallax
-//! takes a plane to a plane exactly, so nothing is lost but what the fit leaves, and a plane that
-//! is magnified has no gaps.
+//! Planar patches of a sprite's displacements, which the first pass moves whole: where a tile of 16
+//! x 16, 8 x 8 or 4 x 4 cells lies on a plane, the plane moves instead of its cells. Pure parallax
+//! maps planes to planes exactly, so the only error is that of the fit, and a magnified plane has
+//! no gaps.
 
 use super::cell::VISIBLE;
 
-/// Patches that are set up together.
+/// Number of patches that are set up together.
 pub(super) const GROUP: usize = 16;
 
-/// Cells along a side of the largest tiles.
+/// Side of the largest tiles, cells.
 pub(super) const TILE: u32 = 16;
 
-/// Cells along a side of the smaller tiles, and of blocks of cells that lie on no plane.
+/// Side of the smallest tiles, and of blocks of cells that are not planar, cells.
 pub(super) const BLOCK_SIDE: u32 = 4;
 
-/// Displacement may leave a tile's plane by this share of the largest displacement: 0.025 px at 50
-/// px of parallax.
+/// Largest distance of a displacement from its tile's plane, as a share of the largest
+/// displacement: 0.025 px at 50 px of parallax.
 const FLATNESS: f32 = 1.0 / 2048.0;
 
 /// Sixteen patches of one strip: squares of the displacement grid in which the displacement is
@@ -27,10 +27,10 @@ pub(crate) struct PatchGroup {
     pub y: [f32; GROUP],
     /// Displacement at the centre.
     pub d: [f32; GROUP],
-    /// Its change per cell.
+    /// Change of the displacement per cell.
     pub slope_x: [f32; GROUP],
     pub slope_y: [f32; GROUP],
-    /// Half a side, cells; 0 where the group has no more patches.
+    /// Half a side, cells; 0 in unused lanes.
     pub half: [f32; GROUP],
     /// [`VISIBLE`] or 0.
     pub visible: [u32; GROUP],
@@ -52,8 +52,8 @@ impl PatchGroup {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Strip {
     pub groups: Vec<PatchGroup>,
-    /// First column and row of blocks of [`BLOCK_SIDE`] x [`BLOCK_SIDE`] cells, to be moved cell by
-    /// cell.
+    /// First column and row of the blocks of [`BLOCK_SIDE`] x [`BLOCK_SIDE`] cells that move cell
+    /// by cell.
     pub rough: Vec<[u32; 2]>,
 }
 
@@ -61,7 +61,7 @@ pub(crate) struct Strip {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Patches {
     pub strips: Vec<Strip>,
-    /// By how much a displacement leaves its patch's plane at most.
+    /// Largest distance of a displacement from its patch's plane.
     pub tolerance: f32,
 }
 
@@ -70,13 +70,13 @@ pub(super) struct UnpackedField<'a> {
     pub width: u32,
     pub height: u32,
     pub values: &'a [f32],
-    /// Packed cells, of which only visibility counts here.
+    /// Packed cells; only their visibility is used.
     pub cells: &'a [u32],
 }
 
 impl Patches {
-    /// Cuts a field into patches. Stored displacements have steps of `step` (0 if they are fine):
-    /// an eighth of one is less than rounding left open.
+    /// Divides a field into patches. `step` is the quantisation step of the stored displacements (0
+    /// if they are fine); an eighth of it is below their rounding error.
     pub(super) fn new(surface: &UnpackedField, step: f32) -> Self {
         let largest = surface
             .values
@@ -96,7 +96,7 @@ impl Patches {
                     &mut strip.rough,
                 );
             }
-            strip.groups = patches.chunks(GROUP).map(grouped).collect();
+            strip.groups = patches.chunks(GROUP).map(pack_group).collect();
             strip
         };
         Self {
@@ -109,10 +109,10 @@ impl Patches {
     }
 }
 
-/// One patch: centre, displacement and slopes, half a side; and whether it is visible.
+/// One patch: centre, displacement, slopes and half a side; and [`VISIBLE`] or 0.
 type Patch = ([f32; 6], u32);
 
-fn grouped(patches: &[Patch]) -> PatchGroup {
+fn pack_group(patches: &[Patch]) -> PatchGroup {
     let mut group = PatchGroup::EMPTY;
     for (i, &([x, y, d, slope_x, slope_y, half], visible)) in patches.iter().enumerate() {
         (group.x[i], group.y[i], group.d[i]) = (x, y, d);
@@ -122,7 +122,7 @@ fn grouped(patches: &[Patch]) -> PatchGroup {
     group
 }
 
-/// The patches of a square of `side` cells.
+/// Divides a square of `side` cells into patches and rough blocks.
 fn split(
     surface: &UnpackedField,
     tolerance: f32,
@@ -146,8 +146,8 @@ fn split(
     }
 }
 
-/// The least-squares plane of a square, if it is whole, of one visibility, and nothing is farther
-/// off than `tolerance`.
+/// Fits the least-squares plane of a square; `None` if the square extends beyond the field, mixes
+/// visible and transparent cells, or has a displacement farther than `tolerance` from the plane.
 fn fit(surface: &UnpackedField, tolerance: f32, [x0, y0]: [u32; 2], side: u32) -> Option<Patch> {
     if x0 + side > surface.width || y0 + side > surface.height {
         return None;

@@ -1,21 +1,22 @@
-//! Patches of planes in the first pass: a plane moves whole, to a parallelogram.
+//! Planar patches in the first pass: each moves whole and becomes a parallelogram.
 
 use super::patches::{GROUP, PatchGroup};
 use super::pure_parallax::{CellBand, Encoding, NEAREST_DEPTH_SHARE, PureParallax, StoredValue};
 use super::sampling::LANE_NUMBERS;
 use fearless_simd::{Simd, f32x16, i32x16, prelude::*, u32x16};
 
-/// Placement of a group of patches in the output, and their linear values: at the first column and
-/// row, with increments per column and row.
+/// Bounding boxes of a group of patches in the output, and their linear quantities: value at the
+/// first column and row, increments per column and row.
 #[repr(align(64))]
 pub(super) struct Setups {
-    /// First column and row, columns and rows of the patch's box.
+    /// First column, first row, number of columns and of rows of the patch's bounding box.
     boxes: [[i32; GROUP]; 4],
-    /// Position in the source relative to the patch's centre times the source's share of depth:
-    /// across, down.
+    /// Horizontal position in the source relative to the patch's centre, times the source's inverse_stretch
+    /// of depth.
     across: [[f32; GROUP]; 3],
+    /// The same for the vertical position.
     down: [[f32; GROUP]; 3],
-    /// Largest absolute values of either.
+    /// Largest absolute value of either inside the patch.
     reach: [[f32; GROUP]; 3],
     /// Value in units of 2^-16.
     value: [[i32; GROUP]; 3],
@@ -26,23 +27,22 @@ pub(super) struct Setups {
 impl Setups {
     pub(super) fn new() -> Self {
         let linear = [[0.0; GROUP]; 3];
-        let (boxes, value, rest) = ([[0; GROUP]; 4], [[0; GROUP]; 3], [0; GROUP]);
         Self {
-            boxes,
+            boxes: [[0; GROUP]; 4],
             across: linear,
             down: linear,
             reach: linear,
-            value,
-            rest,
+            value: [[0; GROUP]; 3],
+            rest: [0; GROUP],
         }
     }
 }
 
-/// Finds where the patches of a group go. The result has a bit for each that moves whole: that is
-/// turned towards the target eye, in front of it and inside the output.
+/// Computes where the patches of a group move. Returns a bit mask of the patches that can be drawn
+/// whole: they face the target eye, are in front of it and inside the output.
 ///
 /// On a plane `d1 = a + b u + c v` about the patch's centre pure parallax gives, about the same
-/// place, `d3 = (a + b U + c V) / (1 + a e_z + b e_x + c e_y)`, e relative to the centre, and (U,
+/// centre, `d3 = (a + b U + c V) / (1 + a e_z + b e_x + c e_y)`, e relative to the centre, and (U,
 /// V) comes from `(u, v) = ((U, V) - d3 (e_x, e_y)) / (1 - d3 e_z)`: all linear in (U, V) but for
 /// the last division, which a comparison does not need.
 pub(super) fn set_up<S: Simd>(
@@ -53,12 +53,12 @@ pub(super) fn set_up<S: Simd>(
 ) -> u64 {
     simd.vectorize(
         #[inline(always)]
-        || set_up_at(simd, parallax, group, out),
+        || set_up_kernel(simd, parallax, group, out),
     )
 }
 
 #[inline(always)]
-fn set_up_at<S: Simd>(
+fn set_up_kernel<S: Simd>(
     simd: S,
     parallax: &PureParallax,
     group: &PatchGroup,
@@ -84,40 +84,44 @@ fn set_up_at<S: Simd>(
     );
     let w3 = a * ez + 1.0;
     let stretch = w3 + b * ex + c * ey;
-    let share = one / stretch;
-    let (p, q, r) = (a * share, b * share, c * share);
+    let inverse_stretch = one / stretch;
+    let (p, q, r) = (
+        a * inverse_stretch,
+        b * inverse_stretch,
+        c * inverse_stretch,
+    );
 
-    // The box of the corners, and the range of values at them.
+    // The bounding box of the corners, and the range of values at them.
     let (across, down) = (b * half, c * half);
-    let mut boxed = [[f32x16::splat(simd, f32::MAX), f32x16::splat(simd, f32::MIN)]; 3];
+    let mut bounds = [[f32x16::splat(simd, f32::MAX), f32x16::splat(simd, f32::MIN)]; 3];
     let mut shallowest = w3;
     for (right, below) in [(-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0)] {
         let d = a + across * right + down * below;
         let w3 = d * ez + 1.0;
         shallowest = shallowest.min(w3);
-        let share = one / w3;
+        let inverse_w3 = one / w3;
         let corner = [
-            (half * right + d * ex) * share,
-            (half * below + d * ey) * share,
-            d * share,
+            (half * right + d * ex) * inverse_w3,
+            (half * below + d * ey) * inverse_w3,
+            d * inverse_w3,
         ];
-        for (range, at) in boxed.iter_mut().zip(corner) {
-            *range = [range[0].min(at), range[1].max(at)];
+        for (range, value) in bounds.iter_mut().zip(corner) {
+            *range = [range[0].min(value), range[1].max(value)];
         }
     }
-    // Neighbouring planes miss each other by twice what displacements are off them.
+    // Neighbouring planes can be apart by twice the tolerance of the fit.
     let margin = (ex.max(-ex).max(ey.max(-ey)) * (2.0 * parallax.tolerance) + MARGIN).min(0.45);
     let [cx, cy] = [
         x + (parallax.origin[0] - 0.5),
         y + (parallax.origin[1] - 0.5),
     ];
     let (column, row) = (
-        (boxed[0][0] + cx - margin).ceil(),
-        (boxed[1][0] + cy - margin).ceil(),
+        (bounds[0][0] + cx - margin).ceil(),
+        (bounds[1][0] + cy - margin).ceil(),
     );
     let (last_column, last_row) = (
-        (boxed[0][1] + cx + margin).floor(),
-        (boxed[1][1] + cy + margin).floor(),
+        (bounds[0][1] + cx + margin).floor(),
+        (bounds[1][1] + cy + margin).floor(),
     );
     let Encoding {
         steps_per_unit,
@@ -125,8 +129,8 @@ fn set_up_at<S: Simd>(
         slopes_per_unit,
     } = parallax.encoding;
     let slack = (q.max(-q) + r.max(-r)) * margin;
-    let least = (boxed[2][0] - slack) * steps_per_unit + rounded_zero;
-    let most = (boxed[2][1] + slack) * steps_per_unit + rounded_zero;
+    let least = (bounds[2][0] - slack) * steps_per_unit + rounded_zero;
+    let most = (bounds[2][1] + slack) * steps_per_unit + rounded_zero;
     let whole = stretch.simd_ge(w3 * LEAST_STRETCH)
         & shallowest.simd_ge(NEAREST_DEPTH_SHARE)
         & half.simd_gt(0.0)
@@ -172,7 +176,7 @@ fn set_up_at<S: Simd>(
     whole.to_bitmask()
 }
 
-/// Linear quantities for [`Setups`].
+/// Stores the coefficients of a linear quantity.
 #[inline(always)]
 fn store<S: Simd>(values: [f32x16<S>; 3], out: &mut [[f32; GROUP]; 3]) {
     for i in 0..3 {
@@ -180,23 +184,24 @@ fn store<S: Simd>(values: [f32x16<S>; 3], out: &mut [[f32; GROUP]; 3]) {
     }
 }
 
-/// Least cells by which a patch reaches beyond its square, for the rounding of its edges.
+/// Smallest margin of a patch beyond its square, cells, against the rounding of its edges.
 const MARGIN: f32 = 1e-3;
 
-/// Surfaces that pure parallax compresses by more than this, or turns round, move cell by cell.
+/// Smallest stretch under pure parallax at which patches are drawn whole; surfaces compressed
+/// further, or seen from behind, move cell by cell.
 pub const LEAST_STRETCH: f32 = 0.25;
 
-/// Puts a patch where it is nearer than what is there.
+/// Draws a patch with a depth test.
 pub(super) fn draw_patch<S: Simd>(simd: S, setups: &Setups, lane: usize, band: &mut CellBand) {
     simd.vectorize(
         #[inline(always)]
-        || draw_patch_at(simd, setups, lane, band),
+        || draw_patch_kernel(simd, setups, lane, band),
     );
 }
 
 #[inline(always)]
-fn draw_patch_at<S: Simd>(simd: S, setups: &Setups, lane: usize, band: &mut CellBand) {
-    // One by one: `map` over arrays of arrays would copy all lanes of each.
+fn draw_patch_kernel<S: Simd>(simd: S, setups: &Setups, lane: usize, band: &mut CellBand) {
+    // Not `map`: over arrays of arrays it would copy all lanes of each.
     let boxes = &setups.boxes;
     let [column, row, columns, rows] = [
         boxes[0][lane],
@@ -210,9 +215,9 @@ fn draw_patch_at<S: Simd>(simd: S, setups: &Setups, lane: usize, band: &mut Cell
     let whole_lanes = i32x16::load_array_ref(simd, &WHOLE_LANE_NUMBERS);
     let rest = u32x16::splat(simd, setups.rest[lane]);
     for skipped in (0..columns).step_by(16) {
-        let (mut across, across_down) = linear(simd, &setups.across, lane, skipped as f32);
-        let (mut down, down_down) = linear(simd, &setups.down, lane, skipped as f32);
-        let (mut reach, reach_down) = linear(simd, &setups.reach, lane, skipped as f32);
+        let (mut across, across_down) = evaluate_linear(simd, &setups.across, lane, skipped as f32);
+        let (mut down, down_down) = evaluate_linear(simd, &setups.down, lane, skipped as f32);
+        let (mut reach, reach_down) = evaluate_linear(simd, &setups.reach, lane, skipped as f32);
         let [start, step, value_down] = [
             setups.value[0][lane],
             setups.value[1][lane],
@@ -227,7 +232,7 @@ fn draw_patch_at<S: Simd>(simd: S, setups: &Setups, lane: usize, band: &mut Cell
                 let packed = farthest
                     .simd_le(reach)
                     .select(packed, u32x16::splat(simd, 0));
-                put(
+                store_max(
                     simd,
                     packed,
                     (y * band.width + column + skipped) as usize,
@@ -240,10 +245,10 @@ fn draw_patch_at<S: Simd>(simd: S, setups: &Setups, lane: usize, band: &mut Cell
     }
 }
 
-/// A linear quantity of a patch in sixteen columns of its first row, so many columns from the
-/// first, and its change per row.
+/// Evaluates a linear quantity of a patch in sixteen columns of its first row, `skipped` columns
+/// from the first; also returns its change per row.
 #[inline(always)]
-fn linear<S: Simd>(
+fn evaluate_linear<S: Simd>(
     simd: S,
     values: &[[f32; GROUP]; 3],
     lane: usize,
@@ -257,9 +262,9 @@ fn linear<S: Simd>(
     )
 }
 
-/// The larger of what is there and what comes.
+/// Stores the maximum of the stored and the new cells.
 #[inline(always)]
-fn put<S: Simd>(simd: S, values: u32x16<S>, index: usize, cells: &mut [u32]) {
+fn store_max<S: Simd>(simd: S, values: u32x16<S>, index: usize, cells: &mut [u32]) {
     if let Some(target) = cells.get_mut(index..index + 16) {
         u32x16::from_slice(simd, target)
             .max(values)
@@ -271,11 +276,11 @@ fn put<S: Simd>(simd: S, values: u32x16<S>, index: usize, cells: &mut [u32]) {
     }
 }
 
-/// Numbers of the cells in a vector.
+/// Lane numbers of a vector.
 const WHOLE_LANE_NUMBERS: [i32; 16] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
 
-/// A slope in units as 8 bits, rounded to nearest: shifted to be positive, so that truncation
-/// rounds.
+/// Encodes a slope in units as 8 bits, rounded to nearest: shifted to be positive, so that
+/// truncation rounds.
 #[inline(always)]
 pub(super) fn slope_units<S: Simd>(units: f32x16<S>) -> u32x16<S> {
     let units = units.max(-127.0).min(127.0) + 128.5;

@@ -1,31 +1,30 @@
-//! Pure parallax in cells, as the first pass needs it: where displacements go, and how they are
-//! packed there (Eq. 6, C5).
+//! Pure parallax in displacement cells, for the first pass: where displacements move, and how the
+//! result is packed (Eq. 6, C5).
 
 use super::cell::Coding;
 use super::field::Field;
 use super::transfer::SpriteTransfer;
 
-/// A surface point whose depth from the target eye is less than this share of its plane's is not
-/// drawn: it would be magnified beyond use, and at 0 it is behind the eye.
+/// Smallest drawn depth of a surface point from the target eye, as a share of its plane's depth:
+/// nearer points would be magnified beyond use, and at 0 they are behind the eye.
 pub const NEAREST_DEPTH_SHARE: f32 = 1.0 / 16.0;
 
 /// Value that the first pass stores.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum StoredValue {
-    /// d1 / w3: right with a first term of the second pass that is divided by its third component
-    /// (C5).
+    /// d1 / w3: correct if the second pass divides its first term by its third component (C5).
     Corrected,
-    /// d1: as equation (7) and (8) are printed.
+    /// d1, as in equations (7) and (8) as printed.
     AsPrinted,
 }
 
-/// The first pass as it is to be done.
+/// Parameters of the first pass.
 #[derive(Clone, Copy)]
 pub(super) struct FirstPass {
     /// The size of a cell in pixels.
     pub cell_px: [f64; 2],
     pub stored: StoredValue,
-    /// Cells by which gaps are filled.
+    /// Number of gap-filling steps, one cell each.
     pub fill_steps: u32,
 }
 
@@ -33,19 +32,19 @@ pub(super) struct FirstPass {
 pub(super) struct PureParallax {
     pub(super) epipole: [f32; 3],
     pub(super) stored: StoredValue,
-    /// Added to the column (row) of a cell in the source to find it in the output.
+    /// Offset from a column (row) of the source grid to that of the output.
     pub(super) origin: [f32; 2],
     pub(super) width: f32,
     pub(super) height: f32,
-    /// By how much displacements leave their patches' planes.
+    /// Largest distance of a displacement from its patch's plane.
     pub(super) tolerance: f32,
     pub(super) source_coding: Coding,
     pub(super) encoding: Encoding,
 }
 
 impl PureParallax {
-    /// For a pass, and the displacements that stay in front of the target eye. `out` takes its
-    /// place, size and coding.
+    /// Prepares a pass; also returns the range of displacements in front of the target eye. Sets
+    /// origin, size and coding of `out`.
     pub(super) fn new(
         source: &Field,
         transfer: &SpriteTransfer,
@@ -58,19 +57,19 @@ impl PureParallax {
             (e.y / pass.cell_px[1]) as f32,
             e.z as f32,
         ];
-        let range = in_front(source.range, epipole[2]);
-        let [x0, x1] = reach(source.width, range, epipole[0], epipole[2]);
-        let [y0, y1] = reach(source.height, range, epipole[1], epipole[2]);
+        let range = clamp_in_front(source.range, epipole[2]);
+        let [x0, x1] = reachable_cells(source.width, range, epipole[0], epipole[2]);
+        let [y0, y1] = reachable_cells(source.height, range, epipole[1], epipole[2]);
         (out.x0, out.y0) = (x0, y0);
         (out.width, out.height) = ((x1 - x0) as u32, (y1 - y0) as u32);
-        let share = |d: f32| {
+        let stored = |d: f32| {
             if pass.stored == StoredValue::Corrected {
                 d / (1.0 + d * epipole[2])
             } else {
                 d
             }
         };
-        let [a, b] = range.map(share);
+        let [a, b] = range.map(stored);
         let shallowest = range
             .map(|d| 1.0 + d * epipole[2])
             .into_iter()
@@ -85,22 +84,22 @@ impl PureParallax {
             height: out.height as f32,
             tolerance: source.patches.tolerance,
             source_coding: source.coding,
-            encoding: Encoding::of(&out.coding),
+            encoding: Encoding::new(&out.coding),
         };
         (parallax, range)
     }
 }
 
-/// A [`Coding`] as reciprocals, for packing.
+/// Reciprocals of a [`Coding`], for packing.
 pub(super) struct Encoding {
     pub(super) steps_per_unit: f32,
-    /// Value of zero, and the half that makes truncation round to nearest.
+    /// Cell value of displacement 0 plus 0.5, so that truncation rounds to nearest.
     pub(super) rounded_zero: f32,
     pub(super) slopes_per_unit: f32,
 }
 
 impl Encoding {
-    fn of(coding: &Coding) -> Self {
+    fn new(coding: &Coding) -> Self {
         Self {
             steps_per_unit: 1.0 / coding.scale,
             rounded_zero: coding.zero + 0.5,
@@ -109,8 +108,9 @@ impl Encoding {
     }
 }
 
-/// Displacements between which w3 = 1 + d * epipole_z stays at least [`NEAREST_DEPTH_SHARE`].
-fn in_front([low, high]: [f32; 2], epipole_z: f32) -> [f32; 2] {
+/// Clamps a range of displacements so that w3 = 1 + d * epipole_z is at least
+/// [`NEAREST_DEPTH_SHARE`].
+fn clamp_in_front([low, high]: [f32; 2], epipole_z: f32) -> [f32; 2] {
     let limit = (NEAREST_DEPTH_SHARE - 1.0) / epipole_z;
     if epipole_z > 0.0 {
         [low.max(limit), high.max(limit)]
@@ -121,18 +121,18 @@ fn in_front([low, high]: [f32; 2], epipole_z: f32) -> [f32; 2] {
     }
 }
 
-/// Position to which `x` moves at displacement `d`.
-pub(super) fn moved(x: f32, d: f32, epipole: f32, epipole_z: f32) -> f32 {
+/// Moves a coordinate `x` with displacement `d` by pure parallax.
+pub(super) fn move_position(x: f32, d: f32, epipole: f32, epipole_z: f32) -> f32 {
     (x + d * epipole) / (1.0 + d * epipole_z)
 }
 
-/// First and last cell that positions 0 to `length` can reach, at most one `length` beyond either
-/// end.
-fn reach(length: u32, range: [f32; 2], epipole: f32, epipole_z: f32) -> [i32; 2] {
+/// Returns the first cell, and the end, of what positions 0 to `length` can reach; at most one
+/// `length` beyond either end.
+fn reachable_cells(length: u32, range: [f32; 2], epipole: f32, epipole_z: f32) -> [i32; 2] {
     let length = length as f32;
     let ends = [0.0, length]
         .into_iter()
-        .flat_map(|x| range.map(|d| moved(x, d, epipole, epipole_z)));
+        .flat_map(|x| range.map(|d| move_position(x, d, epipole, epipole_z)));
     let [low, high] = ends.fold([0.0, length], |[low, high]: [f32; 2], x| {
         [low.min(x), high.max(x)]
     });
@@ -142,13 +142,13 @@ fn reach(length: u32, range: [f32; 2], epipole: f32, epipole_z: f32) -> [i32; 2]
     ]
 }
 
-/// The part of the output that a thread writes.
+/// A band of output rows, written by one thread.
 pub(super) struct CellBand<'a> {
     pub(super) cells: &'a mut [u32],
-    /// First row.
+    /// Number of its first row in the output.
     pub(super) first: i32,
-    /// Rows.
+    /// Number of rows.
     pub(super) rows: i32,
-    /// Columns.
+    /// Number of columns.
     pub(super) width: i32,
 }

@@ -1,8 +1,8 @@
-//! Drawing a sprite for a camera, by any of the paper's variants.
+//! Rendering of a sprite for a camera, by any of the paper's variants.
 
 use super::backward::{BackwardPlan, Parallax, backward};
 use super::field::Field;
-use super::forward::{BandMemory, forward};
+use super::forward::{BandBuffers, forward};
 use super::pure_parallax::{FirstPass, StoredValue};
 use super::sampling::SpriteSampling;
 use super::splat::splat;
@@ -14,14 +14,15 @@ use fearless_simd::Level;
 use headbox_core::camera::Camera;
 use headbox_core::simd;
 
-/// Method of drawing parallax inside a sprite.
+/// Method of rendering the parallax inside a sprite.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Hash, serde::Serialize)]
 pub enum SpriteVariant {
-    /// Not at all: the plane's homography (S3).
+    /// No parallax: the plane's homography alone (S3).
     Homography,
-    /// By the displacement that the homography finds (S6): for small motions.
+    /// One pass with the displacement that the homography finds (S6): for small motions.
     OnePass,
-    /// By displacements moved there first (S5, corrected by C5): the paper's recommendation.
+    /// Two passes: displacements are moved to the target first (S5, corrected by C5). The paper's
+    /// recommendation.
     #[default]
     TwoPass,
     /// Two passes with a stored 2-D shift instead of the displacement (S7).
@@ -34,7 +35,7 @@ pub enum SpriteVariant {
     ForwardColor,
 }
 
-// The aliases are what issues and papers call them.
+// The aliases are the names in the papers and in issues.
 headbox_core::named_variants!(SpriteVariant {
     Homography => "homography",
     OnePass => "one-pass" | "crude",
@@ -45,10 +46,10 @@ headbox_core::named_variants!(SpriteVariant {
     ForwardColor => "forward-color" | "forward",
 });
 
-/// Options of drawing sprites.
+/// Options of sprite rendering.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize)]
 pub struct RenderOptions {
-    /// Method of drawing parallax.
+    /// Method of rendering parallax.
     pub variant: SpriteVariant,
     /// Texture filter.
     pub sampling: SpriteSampling,
@@ -57,7 +58,7 @@ pub struct RenderOptions {
 }
 
 impl Default for RenderOptions {
-    /// Two passes, bilinear, three steps of filling: what the paper found good.
+    /// Two passes, bilinear, three steps of gap filling, as the paper recommends.
     fn default() -> Self {
         Self {
             variant: SpriteVariant::default(),
@@ -67,16 +68,16 @@ impl Default for RenderOptions {
     }
 }
 
-/// A sprite in the form that is drawn: premultiplied texels in levels, displacements with slopes.
+/// A sprite prepared for rendering: premultiplied mip levels, displacements with slopes.
 #[derive(Clone, Debug)]
 pub struct PreparedSprite {
     sprite: SpriteWithDepth,
     texture: Texture,
-    /// d1.
+    /// Displacements d1.
     field: Field,
-    /// Pixels of the picture per displacement cell.
+    /// Size of a displacement cell in pixels of the image.
     cell_px: [f64; 2],
-    /// Nothing of the picture shows.
+    /// True if all pixels are transparent.
     invisible: bool,
 }
 
@@ -87,7 +88,7 @@ impl PreparedSprite {
         let color = sprite.sprite().color();
         Self {
             texture: Texture::new(color),
-            field: Field::of_sprite(sprite.sprite(), sprite.displacement()),
+            field: Field::from_sprite(sprite.sprite(), sprite.displacement()),
             cell_px: [
                 f64::from(color.width()) / f64::from(width),
                 f64::from(color.height()) / f64::from(height),
@@ -97,18 +98,18 @@ impl PreparedSprite {
         }
     }
 
-    /// Sprite that was prepared.
+    /// The sprite, as given.
     pub fn sprite(&self) -> &SpriteWithDepth {
         &self.sprite
     }
 }
 
-/// Draws sprites; keeps its memory from frame to frame.
+/// Renderer of sprites; reuses its buffers from frame to frame.
 #[derive(Clone, Debug)]
 pub struct SpriteRenderer {
     level: Level,
     moved: Field,
-    bands: Vec<BandMemory>,
+    bands: Vec<BandBuffers>,
     nearness: Vec<f32>,
 }
 
@@ -119,12 +120,13 @@ impl Default for SpriteRenderer {
 }
 
 impl SpriteRenderer {
-    /// For the best SIMD level of the CPU.
+    /// Creates a renderer for the best SIMD level of the CPU.
     pub fn new() -> Self {
         Self::with_level(simd::level())
     }
 
-    /// For a given SIMD level: every level gives the same bytes, as does every number of threads.
+    /// Creates a renderer for a given SIMD level. Every level and every number of threads gives the
+    /// same bytes.
     pub fn with_level(level: Level) -> Self {
         Self {
             level,
@@ -134,13 +136,13 @@ impl SpriteRenderer {
         }
     }
 
-    /// Draws `sprite` as `target` sees it into `frame`, which takes the target's size; what was in
-    /// it is gone. Runs on the rayon pool it is called from.
+    /// Renders `sprite` for the camera `target` into `frame`, which is resized to the target and
+    /// overwritten. Runs on the rayon pool of the caller.
     ///
-    /// The result tells of degenerate views; then the frame is transparent. Per pixel, what has no
-    /// place in the picture is transparent: where the plane is behind the target eye (H w2 <= 0),
-    /// where the surface is nearer to the target eye than a sixteenth of its plane's distance,
-    /// where no displacement arrived.
+    /// In degenerate views, which the result reports, the frame is transparent. A pixel without a
+    /// source is transparent: where the plane is behind the target eye (H w2 <= 0), where the
+    /// surface is nearer to the target eye than a sixteenth of its plane's distance, and in gaps of
+    /// the moved displacements.
     pub fn render(
         &mut self,
         sprite: &PreparedSprite,
@@ -160,7 +162,7 @@ impl SpriteRenderer {
         Outcome::Drawn
     }
 
-    /// Same as [`Self::render`] with the maps given, into a frame of a given size.
+    /// Renders as [`Self::render`] with given maps, into a frame of a given size.
     pub fn render_transfer(
         &mut self,
         sprite: &PreparedSprite,
@@ -174,26 +176,20 @@ impl SpriteRenderer {
             affine = transfer.with_epipole_at_infinity();
             transfer = &affine;
         }
-        let PreparedSprite {
-            texture,
-            field,
-            cell_px,
-            ..
-        } = sprite;
+        let PreparedSprite { texture, field, .. } = sprite;
+        let (cell_px, width) = (sprite.cell_px, frame.width);
         let moves = !matches!(
             options.variant,
             SpriteVariant::Homography | SpriteVariant::OnePass | SpriteVariant::ForwardColor
         );
         if moves {
-            let as_printed = options.variant == SpriteVariant::AsPrinted;
-            let stored = if as_printed {
-                StoredValue::AsPrinted
-            } else {
-                StoredValue::Corrected
-            };
             let pass = FirstPass {
-                cell_px: *cell_px,
-                stored,
+                cell_px,
+                stored: if options.variant == SpriteVariant::AsPrinted {
+                    StoredValue::AsPrinted
+                } else {
+                    StoredValue::Corrected
+                },
                 fill_steps: options.fill_steps,
             };
             forward(
@@ -213,35 +209,32 @@ impl SpriteRenderer {
             SpriteVariant::AsPrinted => Parallax::AsPrinted(&self.moved),
             SpriteVariant::AffineParallax => Parallax::Affine(&self.moved),
             SpriteVariant::ShiftField => {
-                shifts = ShiftField::new(&self.moved, transfer, *cell_px);
+                shifts = ShiftField::new(&self.moved, transfer, cell_px);
                 Parallax::Shift(&shifts)
             }
             SpriteVariant::ForwardColor => {
-                let width = frame.size().0;
-                let pixels = &mut frame.pixels;
                 splat(
                     texture,
                     field,
-                    *cell_px,
+                    cell_px,
                     transfer,
                     options.sampling,
                     width,
-                    pixels,
+                    &mut frame.pixels,
                     &mut self.nearness,
                 );
                 return;
             }
         };
-        let view = BackwardPlan {
+        let plan = BackwardPlan {
             texture,
             transfer,
-            cell_px: *cell_px,
+            cell_px,
             parallax,
         };
-        let width = frame.size().0;
         backward(
             self.level,
-            &view,
+            &plan,
             options.sampling == SpriteSampling::Nearest,
             width,
             &mut frame.pixels,

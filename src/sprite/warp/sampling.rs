@@ -1,8 +1,8 @@
-//! Sampling of a sprite's texture: arithmetic for sixteen pixels at a time, their texels fetched
-//! one by one in between.
+//! Sampling of a sprite's texture: vector arithmetic on sixteen pixels at a time; texels are
+//! fetched one by one.
 //!
-//! The arithmetic is written without closures: a closure that is not inlined would be compiled
-//! without the SIMD level's instructions and cost more than all the rest.
+//! The arithmetic has no closures: a closure that is not inlined would be compiled without the SIMD
+//! level's instructions and cost more than all the rest.
 //!
 //! Bilinear weights are 14-bit integers that sum to 2^14, so that a weighted sum of 8-bit texels is
 //! exact in 32 bits and rounds once. The weights' own rounding is at most one and a half units,
@@ -10,30 +10,31 @@
 //! final rounding.
 
 use crate::model::texture::{LevelLayout, Texture};
-use fearless_simd::{Simd, f32x16, i16x32, i32x16, prelude::*, u8x64, u16x32, u32x16};
+use fearless_simd::{Simd, f32x16, i16x32, i32x16, mask32x16, prelude::*, u8x64, u16x32, u32x16};
 
 /// Texture filter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Hash, serde::Serialize)]
 pub enum SpriteSampling {
     /// The nearest pixel.
     Nearest,
-    /// Weighted mean of the four around.
+    /// Weighted mean of the four nearest pixels.
     #[default]
     Bilinear,
 }
 
-/// Pixels that are addressed, fetched and mixed together: enough that fetches are not waited for.
+/// Number of pixels that are addressed, fetched and mixed together: enough to hide the latency of
+/// the fetches.
 pub(super) const BLOCK: usize = 128;
-/// Pixels that one vector holds.
+/// Number of pixels in a vector.
 pub(super) const LANES: usize = 16;
 
-/// Numbers of the pixels in a vector.
+/// Lane numbers of a vector.
 pub(super) const LANE_NUMBERS: [f32; LANES] = [
     0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0,
 ];
 
-/// Addresses and texels of a block on their way. Aligned as cache lines are: vectors that lie
-/// across two cost twice.
+/// Addresses, weights and texels of a block. Aligned to cache lines: a vector across two of them
+/// costs twice as much.
 #[repr(align(64))]
 pub(super) struct Footprints {
     /// Index of the top left texel.
@@ -42,7 +43,8 @@ pub(super) struct Footprints {
     upper: [u32; BLOCK],
     /// Weights of the two lower texels.
     lower: [u32; BLOCK],
-    /// Top left, bottom left, top right, bottom right; in the order that [`mix`] wants.
+    /// Top left, bottom left, top right, bottom right texel of each pixel, pixels in the order of
+    /// [`mix`].
     texels: [[[u32; 2]; 2]; BLOCK],
 }
 
@@ -62,14 +64,14 @@ pub(super) struct TexelMap {
     level: LevelLayout,
     /// 2^-level.
     scale: f32,
-    /// Fraction left of the anchor.
-    rest: [f32; 2],
-    /// Texel that relative positions count from.
+    /// Fractional part of the anchor's texel position.
+    fraction: [f32; 2],
+    /// Texel to which positions are relative.
     base: [i32; 2],
 }
 
 impl TexelMap {
-    /// For positions relative to the whole pixel `anchor` of level 0.
+    /// Creates the map of positions relative to the whole pixel `anchor` of level 0.
     #[inline(always)]
     pub(super) fn new(texture: &Texture, level: usize, anchor: [f64; 2]) -> Self {
         let level = level.min(texture.levels.len() - 1);
@@ -79,21 +81,21 @@ impl TexelMap {
         Self {
             level: texture.levels[level],
             scale: scale as f32,
-            rest: [(x - column) as f32, (y - row) as f32],
+            fraction: [(x - column) as f32, (y - row) as f32],
             base: [column as i32, row as i32],
         }
     }
 }
 
-/// Finds footprints of sixteen positions (`valid` ones; others are transparent), lanes
-/// `first..first + 16`. With `INSIDE` all are valid, and no footprint reaches beyond the texels and
-/// their border.
+/// Computes the footprints of sixteen positions into `first..first + 16`; positions that are not
+/// `valid` are transparent. With `INSIDE` all are valid, and no footprint extends beyond the texels
+/// and their border.
 #[inline(always)]
 pub(super) fn address<S: Simd, const NEAREST: bool, const INSIDE: bool>(
     simd: S,
     map: &TexelMap,
     position: [f32x16<S>; 2],
-    valid: fearless_simd::mask32x16<S>,
+    valid: mask32x16<S>,
     first: usize,
     out: &mut Footprints,
 ) {
@@ -101,11 +103,11 @@ pub(super) fn address<S: Simd, const NEAREST: bool, const INSIDE: bool>(
     let mut cell = [i32x16::splat(simd, 0); 2];
     let mut fraction = [f32x16::splat(simd, 0.0); 2];
     for axis in 0..2 {
-        // Positions on the border's outermost texels and beyond are equally transparent.
+        // The outermost border texels and all positions beyond them are transparent.
         let low = f32x16::splat(simd, (-1 - map.base[axis]) as f32);
         let high = (sides[axis] - map.base[axis]) as f32;
         let half = if NEAREST { 0.5 } else { 0.0 };
-        let texel = position[axis] * map.scale + (map.rest[axis] + half);
+        let texel = position[axis] * map.scale + (map.fraction[axis] + half);
         let texel = if INSIDE {
             texel
         } else {
@@ -115,7 +117,7 @@ pub(super) fn address<S: Simd, const NEAREST: bool, const INSIDE: bool>(
         fraction[axis] = texel - floor;
         cell[axis] = floor.to_int::<i32x16<S>>();
     }
-    // Far from the picture the parts may overflow; the sum of all, modulo 2^32, does not.
+    // Far from the image the summands may overflow, but the sum modulo 2^32 is correct.
     let row = map.base[1].wrapping_mul(map.level.stride as i32);
     let origin = (map.level.origin as i32)
         .wrapping_add(row)
@@ -143,11 +145,11 @@ pub(super) fn address<S: Simd, const NEAREST: bool, const INSIDE: bool>(
         .store_slice(&mut out.lower[first..first + LANES]);
 }
 
-/// The weight 1.
+/// Fixed-point weight 1.
 const ONE: i32 = 1 << 14;
 
-/// Byte indices that are the same in each 128-bit block of a vector.
-const fn in_each_block(indices: [u8; 16]) -> [u8; 64] {
+/// Repeats byte indices in each 128-bit block of a vector.
+const fn repeat_in_blocks(indices: [u8; 16]) -> [u8; 64] {
     let mut all = [0; 64];
     let mut i = 0;
     while i < 64 {
@@ -157,16 +159,16 @@ const fn in_each_block(indices: [u8; 16]) -> [u8; 64] {
     all
 }
 
-/// Left and right of each channel, the upper texel in the low byte, the lower one in the high byte.
-const BY_CHANNEL: [u8; 64] = in_each_block([0, 4, 8, 12, 1, 5, 9, 13, 2, 6, 10, 14, 3, 7, 11, 15]);
-/// Rows become columns.
-const TRANSPOSED: [u8; 64] = in_each_block([0, 4, 8, 12, 1, 5, 9, 13, 2, 6, 10, 14, 3, 7, 11, 15]);
-/// The k-th of four 32-bit numbers, four times.
+/// Transposes 4 x 4 bytes. Of a footprint it gives the left and right texel of each channel, the
+/// upper in the low byte, the lower in the high byte.
+const TRANSPOSE: [u8; 64] =
+    repeat_in_blocks([0, 4, 8, 12, 1, 5, 9, 13, 2, 6, 10, 14, 3, 7, 11, 15]);
+/// The k-th of four 32-bit numbers, repeated four times.
 pub(super) const COPIES: [[u8; 64]; 4] = [
-    in_each_block([0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3]),
-    in_each_block([4, 5, 6, 7, 4, 5, 6, 7, 4, 5, 6, 7, 4, 5, 6, 7]),
-    in_each_block([8, 9, 10, 11, 8, 9, 10, 11, 8, 9, 10, 11, 8, 9, 10, 11]),
-    in_each_block([
+    repeat_in_blocks([0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3]),
+    repeat_in_blocks([4, 5, 6, 7, 4, 5, 6, 7, 4, 5, 6, 7, 4, 5, 6, 7]),
+    repeat_in_blocks([8, 9, 10, 11, 8, 9, 10, 11, 8, 9, 10, 11, 8, 9, 10, 11]),
+    repeat_in_blocks([
         12, 13, 14, 15, 12, 13, 14, 15, 12, 13, 14, 15, 12, 13, 14, 15,
     ]),
 ];
@@ -202,14 +204,14 @@ pub(super) fn sample<S: Simd, const NEAREST: bool>(
     }
 }
 
-/// Weighted sums of sixteen footprints.
+/// Computes the weighted sums of sixteen footprints.
 ///
 /// All steps stay within 128-bit blocks: block b of the k-th of four vectors holds the texels of
-/// pixel 4 b + k, so the weights of pixel 4 b + k, which lie in block b, need only be copied within
-/// it, and the four results meet again in block b, one byte each.
+/// pixel 4 b + k, so the weights of pixel 4 b + k, which lie in block b, are copied within it only,
+/// and the four results end up in block b, one byte each.
 #[inline(always)]
 fn mix<S: Simd>(simd: S, footprints: &Footprints, first: usize, out: &mut [u32]) {
-    let by_channel = u8x64::load_array_ref(simd, &BY_CHANNEL);
+    let transpose = u8x64::load_array_ref(simd, &TRANSPOSE);
     let upper_weights = u32x16::from_slice(simd, &footprints.upper[first..first + LANES]);
     let lower_weights = u32x16::from_slice(simd, &footprints.lower[first..first + LANES]);
     let bytes: &[u8] = bytemuck::cast_slice(&footprints.texels[first..first + LANES]);
@@ -217,7 +219,7 @@ fn mix<S: Simd>(simd: S, footprints: &Footprints, first: usize, out: &mut [u32])
     for k in 0..4 {
         let texels = u8x64::from_slice(simd, &bytes[k * 64..k * 64 + 64]);
         let pairs = texels
-            .swizzle_dyn_within_blocks(by_channel)
+            .swizzle_dyn_within_blocks(transpose)
             .bitcast::<u16x32<S>>();
         let upper = (pairs & 0xff).bitcast::<i16x32<S>>();
         let lower = (pairs >> 8).bitcast::<i16x32<S>>();
@@ -233,9 +235,8 @@ fn mix<S: Simd>(simd: S, footprints: &Footprints, first: usize, out: &mut [u32])
         let level = (sum + ONE / 2) >> 14;
         word |= level.bitcast::<u32x16<S>>() << (8 * k as u32);
     }
-    let transposed = u8x64::load_array_ref(simd, &TRANSPOSED);
     word.bitcast::<u8x64<S>>()
-        .swizzle_dyn_within_blocks(transposed)
+        .swizzle_dyn_within_blocks(transpose)
         .bitcast::<u32x16<S>>()
         .store_slice(out);
 }

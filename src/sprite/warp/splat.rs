@@ -1,6 +1,6 @@
 //! Forward mapping of colours (Eq. 4; S4): the baseline that the paper argues against. Every
-//! visible pixel is moved to the frame and drawn there as one pixel (or 2 x 2 around its position),
-//! the nearest winning; where pixels move apart gaps stay.
+//! visible pixel is moved to the frame and drawn there as one pixel (or 2 x 2 around its position)
+//! with a depth test; where pixels move apart gaps remain.
 
 use super::cell::VISIBLE;
 use super::field::Field;
@@ -9,7 +9,7 @@ use super::transfer::SpriteTransfer;
 use crate::model::texture::Texture;
 use glam::dvec3;
 
-/// Draws into `pixels`, row-major, `width` columns; `nearness` is scratch space.
+/// Draws a sprite into `pixels`, row-major with `width` columns; `nearness` is the depth buffer.
 pub(super) fn splat(
     texture: &Texture,
     field: &Field,
@@ -38,7 +38,7 @@ pub(super) fn splat(
             if p.z.is_nan() || p.z <= 0.0 {
                 continue;
             }
-            // d2 = d1 / w2: at one place of the frame the larger is nearer (C7).
+            // d2 = d1 / w2: at one frame position the larger is nearer (C7).
             let nearer = (d * transfer.side / p.z) as f32;
             let (tx, ty) = (p.x / p.z, p.y / p.z);
             let (first, count) = match sampling {
@@ -64,7 +64,7 @@ pub(super) fn splat(
     }
 }
 
-/// Displacement at a position in cells.
+/// Returns the displacement at a position in cells.
 fn displacement(field: &Field, x: f64, y: f64) -> f32 {
     let column = (x as u32).min(field.width - 1);
     let row = (y as u32).min(field.height - 1);

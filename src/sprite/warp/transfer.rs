@@ -1,11 +1,11 @@
-//! From the sprite's camera to another: homography of the plane and epipole (Shade et al., Eq. 1 to
-//! 6).
+//! Transfer from a sprite's camera to a target camera: homography of the plane, and epipole (Shade
+//! et al., Eq. 1 to 6).
 
 use crate::Sprite;
 use glam::{DMat3, DMat4, DVec3, dvec3};
 use headbox_core::camera::Camera;
 
-/// Outcome of drawing a sprite.
+/// Outcome of rendering a sprite.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize)]
 pub enum Outcome {
     /// The sprite was drawn. It may still lie outside the frame.
@@ -18,11 +18,12 @@ pub enum Outcome {
     Behind,
 }
 
-/// The target eye's distance from the plane over its distance from the sprite's middle, below which
-/// the plane counts as edge-on: a rectangle seen at 0.06 degrees covers a thousandth of its width.
+/// Smallest ratio of the target eye's distance from the plane to its distance from the sprite's
+/// middle; below it the plane counts as edge-on. A rectangle seen at 0.06 degrees covers a
+/// thousandth of its width.
 pub const EDGE_ON: f64 = 1e-3;
 
-/// The maps of one sprite and one target camera; pixels in both, homogeneous.
+/// Maps between the pixels of a sprite and of a target camera, in homogeneous coordinates.
 ///
 /// With both cameras' third rows replaced by the same plane row (C4, C6), `T12 = C2^ C1^-1` has the
 /// third row [0 0 1 0]; without its third row and column it is the homography H12, and its third
@@ -37,10 +38,10 @@ pub struct SpriteTransfer {
     pub target_from_sprite: DMat3,
     /// H21, the inverse.
     pub sprite_from_target: DMat3,
-    /// e12: what a displacement of 1 adds to `target_from_sprite * (x1, y1, 1)` (Eq. 4).
+    /// e12: the change per unit of displacement of `target_from_sprite * (x1, y1, 1)` (Eq. 4).
     pub epipole_in_target: DVec3,
-    /// e* = H21 e12: what a displacement of 1 adds to (x1, y1, 1) under pure parallax (Eq. 6).
-    /// Minus e21.
+    /// e* = H21 e12 = -e21: the change of (x1, y1, 1) per unit of displacement under pure parallax
+    /// (Eq. 6).
     pub epipole_in_sprite: DVec3,
     /// 1 if the target eye is on the same side of the plane as the sprite's own, else -1. Of two
     /// displacements at one output pixel, the larger times this is nearer: along a target ray d2 =
@@ -49,17 +50,16 @@ pub struct SpriteTransfer {
 }
 
 impl SpriteTransfer {
-    /// The maps, or why there is nothing to draw.
+    /// Computes the maps of a sprite and a target camera.
     ///
     /// # Errors
     /// [`Outcome::EdgeOn`] and [`Outcome::Behind`].
     pub fn new(sprite: &Sprite, target: &Camera) -> Result<Self, Outcome> {
         let (camera, plane) = (sprite.camera(), sprite.plane());
-        let pixel_direction = |x: f64, y: f64| camera.direction(x, y);
-        let origin = pixel_direction(0.0, 0.0);
+        let origin = camera.direction(0.0, 0.0);
         let directions = DMat3::from_cols(
-            pixel_direction(1.0, 0.0) - origin,
-            pixel_direction(0.0, 1.0) - origin,
+            camera.direction(1.0, 0.0) - origin,
+            camera.direction(0.0, 1.0) - origin,
             origin,
         );
         let project = projection(target);
@@ -73,10 +73,13 @@ impl SpriteTransfer {
             epipole_in_target,
             target_side(sprite, target)?,
         );
-        transfer.filter(|t| t.shows(sprite)).ok_or(Outcome::Behind)
+        transfer
+            .filter(|t| t.is_partly_in_front(sprite))
+            .ok_or(Outcome::Behind)
     }
 
-    /// From H12, e12 and the side; `None` unless H12 has an inverse and all is finite.
+    /// Creates the maps from H12, e12 and the side; `None` unless H12 is invertible and all values
+    /// are finite.
     pub fn from_parts(
         target_from_sprite: DMat3,
         epipole_in_target: DVec3,
@@ -96,8 +99,8 @@ impl SpriteTransfer {
         })
     }
 
-    /// The same with the epipole in the sprite at infinity (S8): every pixel moves in one
-    /// direction.
+    /// Returns the maps with the epipole in the sprite moved to infinity (S8): all pixels move in
+    /// one direction.
     #[must_use]
     pub(super) fn with_epipole_at_infinity(&self) -> Self {
         let epipole_in_sprite = dvec3(self.epipole_in_sprite.x, self.epipole_in_sprite.y, 0.0);
@@ -108,8 +111,8 @@ impl SpriteTransfer {
         }
     }
 
-    /// Position in the target of a sprite pixel at displacement `d` (Eq. 4), or `None` if it is not
-    /// in front.
+    /// Maps a sprite pixel at displacement `d` to the target (Eq. 4); `None` if it is not in front
+    /// of the target eye.
     pub fn forward(&self, x: f64, y: f64, d: f64) -> Option<[f64; 2]> {
         let p = self.target_from_sprite * dvec3(x, y, 1.0) + self.epipole_in_target * d;
         (p.z > 0.0).then(|| [p.x / p.z, p.y / p.z])
@@ -117,24 +120,15 @@ impl SpriteTransfer {
 
     /// Returns true if a corner of the sprite's rectangle on the plane is in front of the target
     /// eye.
-    fn shows(&self, sprite: &Sprite) -> bool {
-        let (w, h) = (
-            f64::from(sprite.camera().width()),
-            f64::from(sprite.camera().height()),
-        );
-        let corners = [
-            dvec3(0.0, 0.0, 1.0),
-            dvec3(w, 0.0, 1.0),
-            dvec3(0.0, h, 1.0),
-            dvec3(w, h, 1.0),
-        ];
-        corners
-            .iter()
-            .any(|&corner| (self.target_from_sprite * corner).z > 0.0)
+    fn is_partly_in_front(&self, sprite: &Sprite) -> bool {
+        let [w, h] = [sprite.camera().width(), sprite.camera().height()].map(f64::from);
+        [[0.0, 0.0], [w, 0.0], [0.0, h], [w, h]]
+            .into_iter()
+            .any(|[x, y]| (self.target_from_sprite * dvec3(x, y, 1.0)).z > 0.0)
     }
 }
 
-/// Side of the plane on which the target eye lies.
+/// Returns the side of the plane on which the target eye lies.
 fn target_side(sprite: &Sprite, target: &Camera) -> Result<f64, Outcome> {
     let distance = sprite.plane().signed_distance(target.eye());
     let range = (target.eye() - sprite.middle()).length();
@@ -145,7 +139,8 @@ fn target_side(sprite: &Sprite, target: &Camera) -> Result<f64, Outcome> {
     }
 }
 
-/// Rows x, y and w of a camera's matrix, without translation: (w x, w y, w) of a direction.
+/// Returns rows x, y and w of a camera's matrix without translation: it maps a direction to (w x, w
+/// y, w).
 fn projection(camera: &Camera) -> DMat3 {
     let rows: DMat4 = camera.image_from_world().transpose();
     DMat3::from_cols(
@@ -156,7 +151,7 @@ fn projection(camera: &Camera) -> DMat3 {
     .transpose()
 }
 
-/// column * row^T.
+/// Returns column * row^T.
 fn outer(column: DVec3, row: DVec3) -> DMat3 {
     DMat3::from_cols(column * row.x, column * row.y, column * row.z)
 }
