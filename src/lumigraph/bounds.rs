@@ -1,64 +1,63 @@
 //! Numbers of images and layers that a view needs: the sampling curve and the error of a layer (L1,
 //! L2, L3; C18, C22).
 //!
-//! A layer holds surfaces of some range of disparity (1 / depth behind the camera plane) and is
-//! drawn at one disparity. A camera at a distance `s` from where a ray crosses the plane then shows
-//! a surface of disparity `d` displaced by `f s |d - drawn|` on its image plane. The middle of the
-//! range is best, and two neighbouring cameras, `spacing` apart, disagree by no more than `f
-//! spacing (max - min) / 2` (Eq. 4). Lengths on the image plane and the focal length `focal` are in
-//! one unit of the caller's choice (pixels, say), spacings and disparities in another and its
-//! inverse.
+//! A layer contains surfaces in a range of disparity (1 / depth beyond the camera plane) and is
+//! drawn at one disparity. In the image of a camera at distance `s` from the crossing of a ray and
+//! the plane, a surface of disparity `d` is then displaced by `f s |d - drawn|` on the image plane.
+//! The middle of the range is best, and two neighbouring cameras, `spacing` apart, disagree by at
+//! most `f spacing (max - min) / 2` (Eq. 4). Lengths on the image plane and the focal length
+//! `focal` are in one unit of the caller's choice (pixels, say), spacings and disparities in
+//! another and its inverse.
 
-/// The disparity at which a layer is best drawn: the middle of its *disparities*, not of its depths
-/// (Eq. 2, C22).
+/// Returns the disparity at which a layer is best drawn: the middle of its *disparities*, not of
+/// its depths (Eq. 2, C22).
 pub fn optimal_disparity([min, max]: [f64; 2]) -> f64 {
     0.5 * (min + max)
 }
 
-/// The finest detail that a frame can show, on the image plane: the largest of an image's pixel, a
-/// frame's pixel and half the period of the highest frequency, where that is known (Eq. 1; without
-/// it Eq. 3).
+/// Returns the finest detail in a frame, on the image plane: the maximum of an image's pixel, a
+/// frame's pixel and, if known, half the period of the highest frequency (Eq. 1; without it Eq. 3).
 pub fn detail(image_pixel: f64, frame_pixel: f64, highest_frequency: Option<f64>) -> f64 {
     let period = highest_frequency.map_or(0.0, |frequency| 0.5 / frequency);
     image_pixel.max(frame_pixel).max(period)
 }
 
-/// The widest spacing of cameras at which layers as wide as `width` of disparity alias nowhere (Eq.
-/// 1, 3 and 7). Infinite for layers without width.
+/// Returns the widest camera spacing without aliasing for layers of disparity width `width` (Eq. 1,
+/// 3 and 7). Infinite for zero width.
 pub fn max_spacing(focal: f64, width: f64, detail: f64) -> f64 {
     2.0 * detail / (focal * width)
 }
 
-/// Number of layers, uniform in disparity, that a range needs (Eq. 6 in 7), as a real number: the
-/// minimum sampling curve. Per axis: the layers shrink with the cameras along an axis, so with the
-/// square root of the images of a grid.
+/// Returns the number of layers, uniform in disparity, that a range needs (Eq. 6 in 7), as a real
+/// number: the minimum sampling curve. Per axis: the number of layers falls with the cameras along
+/// an axis, and so with the square root of the images of a grid.
 pub fn min_layers(focal: f64, [min, max]: [f64; 2], spacing: f64, detail: f64) -> f64 {
     focal * spacing * (max - min) / (2.0 * detail)
 }
 
-/// Number of cameras along an axis of length `extent` that one layer for the whole range needs, as
-/// a real number (Eq. 3).
+/// Returns the number of cameras along an axis of length `extent` that a single layer for the whole
+/// range needs, as a real number (Eq. 3).
 pub fn min_cameras(focal: f64, [min, max]: [f64; 2], extent: f64, detail: f64) -> f64 {
     extent / max_spacing(focal, max - min, detail) + 1.0
 }
 
-/// Bound on the error of a layer as seen by an eye.
+/// Bound on the error of a layer in a frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ErrorBound {
     /// Focal length of the frame, in the unit of `tolerance`.
     pub focal: f64,
-    /// Between neighbouring cameras.
+    /// Distance between neighbouring cameras.
     pub spacing: f64,
     /// Distance of the eye behind the camera plane; negative in front of it.
     pub behind: f64,
-    /// The most that neighbouring cameras may disagree, on the frame's image plane.
+    /// Largest allowed disagreement of neighbouring cameras, on the frame's image plane.
     pub tolerance: f64,
 }
 
 impl ErrorBound {
-    /// Largest distance in the frame between two neighbouring cameras' images of a point of a layer
-    /// (Eq. 8, C18). Exact for eyes behind the plane, on it, and in front of it as long as the
-    /// whole layer is in front of the eye; infinite otherwise.
+    /// Returns the largest distance in the frame between two neighbouring cameras' images of a
+    /// point of a layer (Eq. 8, C18). Exact for eyes behind the plane, on it, and in front of it
+    /// while the whole layer is in front of the eye; infinite otherwise.
     pub fn error(&self, [min, max]: [f64; 2]) -> f64 {
         if 1.0 + max * self.behind <= 0.0 {
             return f64::INFINITY;

@@ -2,10 +2,10 @@
 //!
 //! Sections: `info` (JSON: the [`LumigraphInfo`], counts and sizes), `geometry` (14 `f64`: a point
 //! of the plane, axes by columns, focal length in pixels, convergence; then the cameras' columns
-//! and rows), `layers` (two `f64` each: least and greatest disparity), `environment` (texels as in
-//! `.ldi` files), `color` (RGB8) and `index` (one byte a pixel, or two), both image after image,
-//! row by row of the grid from the lowest, row-major. Of several light slabs each section but
-//! `info` and `environment` has all, slab after slab.
+//! and rows), `layers` (two `f64` each: smallest and largest disparity), `environment` (texels as
+//! in `.ldi` files), `color` (RGB8) and `index` (one byte per pixel, or two), both image after
+//! image, row by row of the grid from the lowest, row-major. With several light slabs, each section
+//! except `info` and `environment` contains all of them, slab after slab.
 
 use super::{CameraGrid, DisparityLayer, GridParts, Lumigraph, LumigraphInfo, Picture};
 use crate::make::slabs::{MAX_SLABS, Slabs};
@@ -15,7 +15,7 @@ use headbox_cube::pack::file::read_environment;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-/// A lumigraph.
+/// Kind of the `.lumi` file.
 pub const LUMI_FILE: FileKind = FileKind::LUMIGRAPH;
 
 #[derive(Serialize, Deserialize)]
@@ -24,7 +24,7 @@ struct FileHeader {
     environment_size_px: u32,
     #[serde(flatten)]
     first: SlabHeader,
-    /// Slabs beyond the first.
+    /// Slabs after the first.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     others: Vec<SlabHeader>,
 }
@@ -42,7 +42,7 @@ struct SlabHeader {
 }
 
 impl SlabHeader {
-    fn of(slab: &Lumigraph) -> Self {
+    fn new(slab: &Lumigraph) -> Self {
         let grid = slab.grid();
         let [width, height] = grid.size_px();
         Self {
@@ -56,8 +56,8 @@ impl SlabHeader {
     }
 }
 
-/// Bytes of an index that tells infinity, some layers and, if there is any, what is not known
-/// apart.
+/// Returns the size of an index that distinguishes infinity, `layers` layers and, if there are any,
+/// unknown pixels, bytes.
 pub(super) fn index_bytes(layers: usize, unknown: bool) -> usize {
     if layers + usize::from(unknown) < 256 {
         1
@@ -66,14 +66,14 @@ pub(super) fn index_bytes(layers: usize, unknown: bool) -> usize {
     }
 }
 
-/// Numbers of the section `geometry` before the cameras' places.
+/// Number of values of the section `geometry` before the camera positions.
 const GEOMETRY: usize = 14;
 
 /// Tolerance of a stored rotation's column products: rounding errors.
 const ORTHONORMAL: f64 = 1e-6;
 
 impl Lumigraph {
-    /// Writes a `.lumi` file of this slab alone, whole or not at all.
+    /// Writes a `.lumi` file of this slab alone, completely or not at all.
     ///
     /// # Errors
     /// [`FileError::Io`].
@@ -84,20 +84,21 @@ impl Lumigraph {
     /// Reads a `.lumi` file of one light slab.
     ///
     /// # Errors
-    /// See [`FileError`]; [`FileError::Damaged`] if there are several: [`Slabs::read`] reads those.
+    /// See [`FileError`]; [`FileError::Damaged`] if there are several slabs, which [`Slabs::read`]
+    /// reads.
     pub fn read(path: &Path) -> Result<Self, FileError> {
         let slabs = Slabs::read(path)?;
         let count = slabs.all().len();
-        let several = || Container::open(path, LUMI_FILE).and_then(|file| file.section("info"));
-        match slabs.into_single() {
-            Some(slab) => Ok(slab),
-            None => Err(several()?.damaged("one light slab", count.to_string())),
+        if let Some(slab) = slabs.into_single() {
+            return Ok(slab);
         }
+        let info = Container::open(path, LUMI_FILE)?.section("info")?;
+        Err(info.damaged("one light slab", count.to_string()))
     }
 }
 
 impl Slabs {
-    /// Writes a `.lumi` file, whole or not at all.
+    /// Writes a `.lumi` file, completely or not at all.
     ///
     /// # Errors
     /// [`FileError::Io`].
@@ -140,25 +141,24 @@ impl Slabs {
         for header in std::iter::once(&first).chain(&others) {
             let grid = read_grid(&mut geometry, header)?;
             let ranges: Vec<[f64; 2]> = layers.array(header.layers as usize)?;
-            let of_slab: Vec<_> = ranges
-                .into_iter()
-                .map(|[min, max]| DisparityLayer { min, max })
-                .collect();
-            let bytes = index_bytes(of_slab.len(), header.unknown);
+            let bytes = index_bytes(ranges.len(), header.unknown);
             let pictures = read_pictures([&mut color, &mut index], &grid, bytes)?;
-            let slab = Lumigraph::new(grid, of_slab, pictures);
+            let slab_layers = ranges
+                .into_iter()
+                .map(|[min, max]| DisparityLayer { min, max });
+            let slab = Lumigraph::new(grid, slab_layers.collect(), pictures);
             slabs.push(slab.map_err(|e| layers.damaged("a consistent lumigraph", e.to_string()))?);
         }
-        for section in [&geometry, &layers, &color, &index] {
-            section.end()?;
-        }
+        [&geometry, &layers, &color, &index]
+            .into_iter()
+            .try_for_each(Section::end)?;
         let environment = read_environment(file.section("environment")?, environment_size_px)?;
         (slabs[0].info, slabs[0].environment) = (info, environment);
         Self::new(slabs).map_err(|e| info_section.damaged("light slabs", e.to_string()))
     }
 }
 
-/// Writes slabs of which the first says what all have in common.
+/// Writes slabs; info and environment of the first are those of all.
 fn write(slabs: &[&Lumigraph], path: &Path) -> Result<(), FileError> {
     let [first, others @ ..] = slabs else {
         return Ok(());
@@ -166,8 +166,8 @@ fn write(slabs: &[&Lumigraph], path: &Path) -> Result<(), FileError> {
     let header = FileHeader {
         info: first.info.clone(),
         environment_size_px: first.environment.size_px,
-        first: SlabHeader::of(first),
-        others: others.iter().map(|slab| SlabHeader::of(slab)).collect(),
+        first: SlabHeader::new(first),
+        others: others.iter().map(|slab| SlabHeader::new(slab)).collect(),
     };
     let mut writer = ContainerWriter::new(LUMI_FILE);
     writer.section("info", move || Ok(serde_json::to_vec(&header)?));

@@ -1,53 +1,47 @@
-//! The cameras of a lumigraph: a grid on a plane, all looking along its normal (L4).
+//! Cameras of a lumigraph: a grid on a plane, all looking along its normal (L4).
 //!
-//! *Plane space* has its origin on the plane; x goes right, y up and z *forward*, to where the
-//! cameras look, so that a surface of depth z has disparity 1/z, and an eye behind the plane a
-//! negative z. A ray is known by its eye and its *slopes*: x and y for each unit of z.
+//! *Plane space* has its origin on the plane; x points right, y up and z *forward*, in the viewing
+//! direction of the cameras, so that a surface at depth z has disparity 1/z, and an eye behind the
+//! plane a negative z. A ray is described by its eye and its *slopes*: x and y per unit of z.
 
 use super::LumigraphError;
 use glam::{DMat3, DVec2, DVec3};
 use headbox_core::camera::{Camera, fov_deg};
 
-/// Cameras in columns and rows, not necessarily evenly spaced (the paper's limitation 1), with one
-/// focal length and size.
+/// Grid of cameras in columns and rows, not necessarily evenly spaced (the paper's limitation 1),
+/// with a common focal length and image size.
 ///
 /// Invariants: at least one column and one row, each in ascending order; all numbers finite.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CameraGrid {
-    origin: DVec3,
-    world_from_eye: DMat3,
-    columns: Vec<f64>,
-    rows: Vec<f64>,
-    focal_px: f64,
-    size_px: [u32; 2],
-    convergence: f64,
-    /// A camera at the origin.
+    parts: GridParts,
+    /// Camera at the origin.
     first: Camera,
 }
 
-/// All that a grid is made of.
+/// Parameters of a [`CameraGrid`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct GridParts {
-    /// A point of the plane, world metres: the origin of plane space.
+    /// Origin of plane space, a point of the plane, world metres.
     pub origin: DVec3,
-    /// Axes of all cameras, as [`Camera::world_from_eye`]: right, up, and back, which is the
-    /// plane's normal turned round.
+    /// Axes of all cameras, as [`Camera::world_from_eye`]: right, up, and back, the negative normal
+    /// of the plane.
     pub world_from_eye: DMat3,
-    /// Cameras' places to the right of the origin, metres, ascending.
+    /// Camera positions to the right of the origin, metres, ascending.
     pub columns: Vec<f64>,
-    /// Cameras' places above the origin, metres, ascending.
+    /// Camera positions above the origin, metres, ascending.
     pub rows: Vec<f64>,
     /// Focal length of the images, pixels.
     pub focal_px: f64,
     /// Width and height of the images, pixels.
     pub size_px: [u32; 2],
-    /// The disparity at which all images show the same part of the scene, 1/m: principal points are
-    /// moved so. 0 for the paper's parallel frusta.
+    /// Disparity at which all images show the same part of the scene, 1/m; it shifts the principal
+    /// points. 0 for the paper's parallel frusta.
     pub convergence: f64,
 }
 
 impl CameraGrid {
-    /// A grid of its parts.
+    /// Creates a grid from its parameters.
     ///
     /// # Errors
     /// [`LumigraphError::NoCameras`], [`LumigraphError::Grid`], [`LumigraphError::Size`],
@@ -56,8 +50,8 @@ impl CameraGrid {
         let GridParts {
             origin,
             world_from_eye,
-            columns,
-            rows,
+            ref columns,
+            ref rows,
             focal_px,
             size_px: [width, height],
             convergence,
@@ -65,7 +59,7 @@ impl CameraGrid {
         if columns.is_empty() || rows.is_empty() {
             return Err(LumigraphError::NoCameras);
         }
-        for (places, name) in [(&columns, "columns"), (&rows, "rows")] {
+        for (places, name) in [(columns, "columns"), (rows, "rows")] {
             let ascending = places.windows(2).all(|pair| pair[0] < pair[1]);
             if !ascending || !places.iter().all(|place| place.is_finite()) {
                 return Err(LumigraphError::Grid(name));
@@ -92,81 +86,70 @@ impl CameraGrid {
         }
         let first = Camera::from_parts(origin, world_from_eye, focal_px, width, height);
         let first = first.map_err(|_| LumigraphError::Size(width, height))?;
-        Ok(Self {
-            origin,
-            world_from_eye,
-            columns,
-            rows,
-            focal_px,
-            size_px: [width, height],
-            convergence,
-            first,
-        })
+        Ok(Self { parts, first })
     }
 
-    /// `count` evenly spaced places of an extent about 0; the middle alone for one.
+    /// Returns `count` evenly spaced positions from -extent/2 to extent/2; 0 alone for one.
     pub fn evenly(count: usize, extent: f64) -> Vec<f64> {
-        let place = |i: usize| (i as f64 / (count.max(2) - 1) as f64 - 0.5) * extent;
         if count == 1 {
-            vec![0.0]
-        } else {
-            (0..count).map(place).collect()
+            return vec![0.0];
         }
+        let position = |i: usize| (i as f64 / (count.max(2) - 1) as f64 - 0.5) * extent;
+        (0..count).map(position).collect()
     }
 
-    /// The axes of cameras that look along `normal`, with `up` (any length, not along the normal)
-    /// pointing up.
+    /// Returns the axes of cameras that look along `normal`, with `up` (any length, not along the
+    /// normal) pointing up.
     pub fn facing(normal: DVec3, up: DVec3) -> Option<DMat3> {
         let camera = Camera::look_at(DVec3::ZERO, normal, up, 60.0, [2, 2]).ok()?;
         Some(camera.world_from_eye())
     }
 
-    /// A point of the plane: the origin of plane space, world metres.
+    /// Origin of plane space, world metres.
     pub fn origin(&self) -> DVec3 {
-        self.origin
+        self.parts.origin
     }
 
     /// Axes of all cameras: right, up, back.
     pub fn world_from_eye(&self) -> DMat3 {
-        self.world_from_eye
+        self.parts.world_from_eye
     }
 
-    /// Cameras' places to the right of the origin, metres.
+    /// Camera positions to the right of the origin, metres.
     pub fn columns(&self) -> &[f64] {
-        &self.columns
+        &self.parts.columns
     }
 
-    /// Cameras' places above the origin, metres.
+    /// Camera positions above the origin, metres.
     pub fn rows(&self) -> &[f64] {
-        &self.rows
+        &self.parts.rows
     }
 
     /// Focal length of the images, pixels.
     pub fn focal_px(&self) -> f64 {
-        self.focal_px
+        self.parts.focal_px
     }
 
     /// Width and height of the images, pixels.
     pub fn size_px(&self) -> [u32; 2] {
-        self.size_px
+        self.parts.size_px
     }
 
-    /// The disparity at which all images show the same, 1/m.
+    /// Disparity at which all images show the same part of the scene, 1/m.
     pub fn convergence(&self) -> f64 {
-        self.convergence
+        self.parts.convergence
     }
 
-    /// Vertical field of view, degrees, of a frame of some width and height that looks straight
-    /// ahead from the grid's origin and shows only what the cameras about it see, at whatever
-    /// disparity of a range (1/m) there is: with what a viewer begins. A quarter of the images' own
-    /// at least.
+    /// Returns the vertical field of view, degrees, of the initial view: a frame of `size_px` that
+    /// looks straight ahead from the grid's origin, and that the cameras about the origin cover at
+    /// every disparity of `range` (1/m). At least a quarter of the images' own field of view.
     pub fn clear_fov_deg(&self, range: [f64; 2], size_px: [u32; 2]) -> f64 {
-        let apart = range.map(|d| (d - self.convergence).abs());
+        let apart = range.map(|d| (d - self.parts.convergence).abs());
         // A point of slope s and disparity d lies s - c (d - convergence) from the middle of the
         // image of a camera at c.
-        let half = [(&self.columns, 0), (&self.rows, 1)].map(|(places, axis)| {
-            let whole = f64::from(self.size_px[axis]) / 2.0 / self.focal_px;
-            (whole - nearest_to_zero(places) * apart[0].max(apart[1])).max(whole / 4.0)
+        let half = [(self.columns(), 0), (self.rows(), 1)].map(|(positions, axis)| {
+            let whole = f64::from(self.parts.size_px[axis]) / 2.0 / self.parts.focal_px;
+            (whole - gap_about_zero(positions) * apart[0].max(apart[1])).max(whole / 4.0)
         });
         let aspect = f64::from(size_px[1]) / f64::from(size_px[0].max(1));
         fov_deg(2.0 * half[1].min(half[0] * aspect), 1.0)
@@ -174,116 +157,91 @@ impl CameraGrid {
 
     /// Number of cameras.
     pub fn camera_count(&self) -> usize {
-        self.columns.len() * self.rows.len()
+        self.parts.columns.len() * self.parts.rows.len()
     }
 
-    /// Pixels of an image.
+    /// Number of pixels of an image.
     pub fn picture_pixels(&self) -> usize {
-        self.size_px[0] as usize * self.size_px[1] as usize
+        self.parts.size_px[0] as usize * self.parts.size_px[1] as usize
     }
 
-    /// The widest gap between neighbours in a row or column, metres; 0 for a single camera.
+    /// Returns the widest gap between neighbours in a row or column, metres; 0 for a single camera.
     pub fn spacing(&self) -> f64 {
-        let widest = |places: &[f64]| {
-            places
+        let widest_gap = |positions: &[f64]| {
+            positions
                 .windows(2)
                 .map(|pair| pair[1] - pair[0])
                 .fold(0.0, f64::max)
         };
-        widest(&self.columns).max(widest(&self.rows))
+        widest_gap(self.columns()).max(widest_gap(self.rows()))
     }
 
-    /// A point in plane space.
+    /// Transforms a point to plane space.
     pub fn plane_from_world(&self, point: DVec3) -> DVec3 {
-        self.direction_from_world(point - self.origin)
+        self.direction_from_world(point - self.parts.origin)
     }
 
-    /// A direction in plane space.
+    /// Transforms a direction to plane space.
     pub fn direction_from_world(&self, direction: DVec3) -> DVec3 {
-        let in_eye = self.world_from_eye.transpose() * direction;
+        let in_eye = self.parts.world_from_eye.transpose() * direction;
         DVec3::new(in_eye.x, in_eye.y, -in_eye.z)
     }
 
-    /// The camera in a column and row.
+    /// Returns the camera in a column and row.
     pub fn camera(&self, column: usize, row: usize) -> Camera {
-        let (right, up) = (self.columns[column], self.rows[row]);
-        let eye =
-            self.origin + self.world_from_eye.x_axis * right + self.world_from_eye.y_axis * up;
-        let [width, height] = self.size_px;
-        let [x, y] = [f64::from(width) / 2.0, f64::from(height) / 2.0];
-        let shift = self.focal_px * self.convergence;
+        let (right, up) = (self.parts.columns[column], self.parts.rows[row]);
+        let axes = self.parts.world_from_eye;
+        let eye = self.parts.origin + axes.x_axis * right + axes.y_axis * up;
+        let [x, y] = self.parts.size_px.map(|side| f64::from(side) / 2.0);
+        let shift = self.parts.focal_px * self.parts.convergence;
         self.first
             .with_eye(eye)
             .with_principal_px([x + shift * right, y - shift * up])
     }
 
-    /// Returns the parts of the grid.
+    /// Returns the parameters of the grid.
     pub fn parts(&self) -> GridParts {
-        let Self {
-            origin,
-            world_from_eye,
-            focal_px,
-            size_px,
-            convergence,
-            ..
-        } = *self;
-        let (columns, rows) = (self.columns.clone(), self.rows.clone());
-        GridParts {
-            origin,
-            world_from_eye,
-            columns,
-            rows,
-            focal_px,
-            size_px,
-            convergence,
-        }
+        self.parts.clone()
     }
 
-    /// Turned about a line through `centre` along `axis`, by an angle in radians; `None` if the
-    /// line has no direction.
+    /// Returns the grid turned about a line through `centre` along `axis`, by an angle in radians;
+    /// `None` if the line has no direction.
     pub fn turned(&self, centre: DVec3, axis: DVec3, angle: f64) -> Option<Self> {
         let turn = DMat3::from_axis_angle(axis.try_normalize()?, angle);
-        let GridParts {
-            origin,
-            world_from_eye,
-            ..
-        } = self.parts();
-        let (origin, world_from_eye) = (centre + turn * (origin - centre), turn * world_from_eye);
         Self::new(GridParts {
-            origin,
-            world_from_eye,
-            ..self.parts()
+            origin: centre + turn * (self.parts.origin - centre),
+            world_from_eye: turn * self.parts.world_from_eye,
+            ..self.parts.clone()
         })
         .ok()
     }
 }
 
-/// A frame's camera in plane space.
+/// Camera of a frame in plane space.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct PlaneView {
     pub(super) eye: DVec3,
-    /// The direction of pixel position (0, 0).
+    /// Direction of pixel position (0, 0).
     pub(super) start: DVec3,
-    /// Step per column and per row.
+    /// Change of the direction per column and per row.
     pub(super) step: [DVec3; 2],
-    size: [f64; 2],
+    /// Width and height of the frame, pixels.
+    pub(super) size: [f64; 2],
 }
 
-/// Directions that go less forward than this, for each pixel's width of the image plane, never
-/// reach a layer: their slopes have no digits left.
+/// Smallest forward component of a direction, in units of the frame's image plane; the slopes of
+/// others would have no significant digits.
 pub(super) const LEAST_FORWARD: f64 = 1e-6;
 
 impl PlaneView {
     pub(super) fn new(grid: &CameraGrid, camera: &Camera) -> Self {
-        let along = |x: f64, y: f64| grid.direction_from_world(camera.direction(x, y));
-        let start = along(0.0, 0.0);
-        let step = [along(1.0, 0.0) - start, along(0.0, 1.0) - start];
-        let size = [f64::from(camera.width()), f64::from(camera.height())];
+        let direction = |x: f64, y: f64| grid.direction_from_world(camera.direction(x, y));
+        let start = direction(0.0, 0.0);
         Self {
             eye: grid.plane_from_world(camera.eye()),
             start,
-            step,
-            size,
+            step: [direction(1.0, 0.0) - start, direction(0.0, 1.0) - start],
+            size: [f64::from(camera.width()), f64::from(camera.height())],
         }
     }
 
@@ -292,15 +250,10 @@ impl PlaneView {
         -self.eye.z
     }
 
-    /// The slopes of a pixel position, if it looks forward.
+    /// Returns the slopes of a pixel position; `None` if its ray does not point forward.
     pub(super) fn slopes(&self, [x, y]: [f64; 2]) -> Option<DVec2> {
         let direction = self.start + self.step[0] * x + self.step[1] * y;
         (direction.z > LEAST_FORWARD).then(|| direction.truncate() / direction.z)
-    }
-
-    /// Width and height of the frame, pixels.
-    pub(super) fn size(&self) -> [f64; 2] {
-        self.size
     }
 
     /// Intersects a ray with the camera plane.
@@ -308,9 +261,9 @@ impl PlaneView {
         self.eye.truncate() - slopes * self.eye.z
     }
 
-    /// Pixels of the frame for a unit of slope: the most anywhere, and in the middle (the root of
-    /// how areas grow). They are the focal length for a frame that is parallel to the plane. `None`
-    /// if the middle does not look forward.
+    /// Returns the pixels of the frame per unit of slope: the maximum over the frame, and the value
+    /// in the middle (square root of the area ratio). Both are the focal length if the frame is
+    /// parallel to the plane. `None` if the middle of the frame does not point forward.
     pub(super) fn px_per_slope(&self) -> Option<[f64; 2]> {
         let scale = |share_x: f64, share_y: f64| {
             let at = [self.size[0] * share_x, self.size[1] * share_y];
@@ -328,11 +281,10 @@ impl PlaneView {
             (area > 0.0 && least > 0.0).then(|| [1.0 / least.sqrt(), 1.0 / area.sqrt()])
         };
         let [_, middle] = scale(0.5, 0.5)?;
-        let places = [0.0, 0.5, 1.0];
-        let most = places
-            .iter()
-            .flat_map(|&x| places.iter().map(move |&y| [x, y]));
-        let most = most
+        let shares = [0.0, 0.5, 1.0];
+        let most = shares
+            .into_iter()
+            .flat_map(|x| shares.map(|y| [x, y]))
             .filter_map(|[x, y]| scale(x, y))
             .map(|[most, _]| most)
             .fold(middle, f64::max);
@@ -340,13 +292,15 @@ impl PlaneView {
     }
 }
 
-/// Distance from 0 to its nearest neighbours among ascending positions: 0 if it is one of them.
-fn nearest_to_zero(places: &[f64]) -> f64 {
-    let next = places.partition_point(|place| *place < 0.0);
-    let beyond = places.get(next).copied();
-    match (next.checked_sub(1).map(|before| -places[before]), beyond) {
-        (_, Some(0.0)) => 0.0,
-        (before, beyond) => before.unwrap_or(0.0).max(beyond.unwrap_or(0.0)),
+/// Returns the distance from 0 to the farther of its two neighbours among ascending positions; 0 if
+/// it is one of them.
+fn gap_about_zero(positions: &[f64]) -> f64 {
+    let next = positions.partition_point(|position| *position < 0.0);
+    let after = positions.get(next).copied().unwrap_or(0.0);
+    if next == 0 || positions.get(next) == Some(&0.0) {
+        after
+    } else {
+        after.max(-positions[next - 1])
     }
 }
 

@@ -1,6 +1,6 @@
 //! Layered lumigraphs (*Layered Lumigraph with LOD Control*; L1 to L11, corrected by C18 to C22):
-//! images from a grid of cameras on a plane, whose pixels know a layer of disparity. Images and
-//! layers stand for each other, and an eye far behind the plane needs few layers. They serve views
+//! images from a grid of cameras on a plane, with a disparity layer per pixel. More layers need
+//! fewer images and vice versa, and an eye far behind the plane needs few layers. They serve views
 //! from outside: of a stage, through a window, of an object.
 //!
 //! | paper | here |
@@ -20,7 +20,7 @@ mod file;
 mod grid;
 mod make;
 mod oracle;
-pub mod render;
+mod render;
 mod settings;
 #[cfg(test)]
 mod tests;
@@ -49,17 +49,17 @@ use headbox_core::environment::Environment;
 use headbox_core::file_frame::FileFrame;
 use serde::{Deserialize, Serialize};
 
-/// Pixels of all images together, at most: indices of texels have 32 bits, and levels of detail add
-/// a third.
+/// Maximum number of pixels of all images together: texel indices have 32 bits, and the levels of
+/// detail add a third.
 pub const MAX_PIXELS: u64 = 3 << 30;
 
-/// Layers that an index of two bytes tells apart, beside what was not seen.
+/// Maximum number of layers: an index of two bytes distinguishes these and infinity.
 pub const MAX_LAYERS: usize = 65_535;
 
 /// Source of a lumigraph; stored in the `.lumi` file.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct LumigraphInfo {
-    /// The scene or the pictures, as given on the command line; empty if there is no telling.
+    /// The scene or the images, as given on the command line; empty if unknown.
     pub source: String,
     /// Axes and unit of the source.
     #[serde(flatten)]
@@ -71,23 +71,23 @@ pub struct LumigraphInfo {
 /// Image of one camera, with the layer of each pixel (L4).
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Picture {
-    /// 8-bit sRGB, row-major, row 0 on top.
+    /// Colours, 8-bit sRGB, row-major, row 0 on top.
     pub color: Vec<[u8; 3]>,
-    /// The layer of each pixel, counted from 1 for the farthest; 0 where no surface is: at
-    /// infinity. One more than there are layers where nothing is known: such a pixel shows nothing,
-    /// and hides nothing from other cameras.
+    /// Layer of each pixel, counted from 1 for the farthest; 0 for infinity. The number of layers
+    /// plus one marks unknown pixels: they are not drawn, and do not occlude what other cameras
+    /// see.
     pub index: Vec<u16>,
 }
 
-/// Images of a grid of cameras, with a layer for each pixel (L4).
+/// Images of a grid of cameras, with a layer per pixel (L4).
 ///
 /// Invariants: a picture of the grid's size for each camera, row by row from the lowest; layers
-/// positive, finite, ascending and apart; no index beyond the layers and what is not known.
+/// positive, finite, ascending and disjoint; no index above the number of layers plus one.
 #[derive(Clone, Debug)]
 pub struct Lumigraph {
     /// Source of the lumigraph.
     pub info: LumigraphInfo,
-    /// Environment behind everything that the images show; of size 0 if unknown.
+    /// Environment behind all surfaces; of size 0 if unknown.
     pub environment: Environment,
     grid: CameraGrid,
     layers: Vec<DisparityLayer>,
@@ -99,7 +99,7 @@ pub struct Lumigraph {
 }
 
 impl Lumigraph {
-    /// Puts a lumigraph together, and makes what frames need of it.
+    /// Creates a lumigraph, and the levels of detail and cells for rendering.
     ///
     /// # Errors
     /// [`LumigraphError`] if an invariant does not hold.
@@ -142,27 +142,25 @@ impl Lumigraph {
         let unknown_pixels = pictures.iter().map(unknown).sum();
         let pyramid = Pyramid::new(&grid, &pictures);
         let buckets = Buckets::new(layers.len());
-        let cells = Cells::new(&pyramid, buckets);
-        let (info, environment) = (LumigraphInfo::default(), Environment::default());
         Ok(Self {
-            info,
-            environment,
+            info: LumigraphInfo::default(),
+            environment: Environment::default(),
             grid,
             layers,
             pictures,
             unknown_pixels,
+            cells: Cells::new(&pyramid, buckets),
             pyramid,
             buckets,
-            cells,
         })
     }
 
-    /// The cameras.
+    /// Grid of the cameras.
     pub fn grid(&self) -> &CameraGrid {
         &self.grid
     }
 
-    /// The layers, far ones first.
+    /// Layers, from far to near.
     pub fn layers(&self) -> &[DisparityLayer] {
         &self.layers
     }
@@ -172,28 +170,29 @@ impl Lumigraph {
         &self.pictures
     }
 
-    /// Pixels of all pictures of which nothing is known.
+    /// Number of unknown pixels of all pictures.
     pub fn unknown_pixels(&self) -> u64 {
         self.unknown_pixels
     }
 
-    /// Bytes in memory that frames need: texels of all levels, sets of layers, and the environment.
+    /// Returns the size in memory of what rendering needs, bytes: texels of all levels, sets of
+    /// layers, and the environment.
     pub fn bytes(&self) -> u64 {
         let own = self.pyramid.bytes() + self.cells.bytes();
         (own + size_of_val(&self.environment.texels[..])) as u64
     }
 
-    /// Bytes that an index takes in a file.
+    /// Returns the size of a layer index in a file, bytes.
     pub fn index_bytes(&self) -> usize {
         file::index_bytes(self.layers.len(), self.unknown_pixels > 0)
     }
 
-    /// The range of disparity of all surfaces, 1/m; `None` if there are none.
+    /// Returns the range of disparity of all surfaces, 1/m; `None` if there are none.
     pub fn range(&self) -> Option<[f64; 2]> {
         Some([self.layers.first()?.min, self.layers.last()?.max])
     }
 
-    /// Same as [`CameraGrid::clear_fov_deg`] for the surfaces that the images show.
+    /// Returns [`CameraGrid::clear_fov_deg`] for the range of disparity of the surfaces.
     pub fn clear_fov_deg(&self, size_px: [u32; 2]) -> f64 {
         self.grid
             .clear_fov_deg(self.range().unwrap_or_default(), size_px)

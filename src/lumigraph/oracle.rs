@@ -1,5 +1,4 @@
-//! The slow, obvious renderer: ray by ray, in `f64`, through each camera's own projection (L9;
-//! C21).
+//! Reference renderer: ray by ray, in `f64`, through each camera's own projection (L9; C21).
 
 use super::Lumigraph;
 use super::grid::PlaneView;
@@ -32,7 +31,7 @@ pub fn render(lumigraph: &Lumigraph, camera: &Camera, settings: &LumigraphSettin
             lumigraph.grid().columns().len(),
             lumigraph.grid().rows().len(),
         );
-        match ray.shows(&layers, settings.blend, &steps) {
+        match ray.trace(&layers, settings.blend, &steps) {
             RayResult::Color(linear) => {
                 let [r, g, b] = linear.map(|c| srgb8_from_linear(c as f32));
                 (*color, *coverage) = ([r, g, b, 255], Coverage::FULL);
@@ -52,9 +51,9 @@ pub fn render(lumigraph: &Lumigraph, camera: &Camera, settings: &LumigraphSettin
 enum RayResult {
     /// Linear red, green and blue, 1 for white.
     Color([f64; 3]),
-    /// Its cameras see what hides it.
+    /// The cameras of the cell see an occluder.
     Hidden,
-    /// No camera looks there.
+    /// No camera of the cell covers the ray.
     Nothing,
 }
 
@@ -74,7 +73,7 @@ struct Neighbour {
 impl Ray<'_> {
     /// Traces the ray for the cameras of its cell or, if they see an occluder, for those of
     /// neighbouring cells.
-    fn shows(&self, layers: &[MergedLayer], blend: Blend, steps: &[Step]) -> RayResult {
+    fn trace(&self, layers: &[MergedLayer], blend: Blend, steps: &[Step]) -> RayResult {
         if let Some(color) = self.color(layers, blend, Step::FIRST) {
             return RayResult::Color(color);
         }
@@ -93,7 +92,7 @@ impl Ray<'_> {
         let neighbours = self.neighbours(eye - along * (eye.z / along.z), [0, 0]);
         let images = neighbours
             .iter()
-            .filter_map(|neighbour| self.image(neighbour, far, infinity.level));
+            .filter_map(|neighbour| self.project(neighbour, far, infinity.level));
         if images.filter(|image| image.nearest()[3] > 0).count() == 0 {
             return RayResult::Nothing;
         }
@@ -103,8 +102,8 @@ impl Ray<'_> {
             .map_or(RayResult::Hidden, RayResult::Color)
     }
 
-    /// Linear red, green and blue, 1 for white; `None` if no camera of a cell shows what the ray
-    /// meets.
+    /// Composites the layers along the ray; `None` if no camera of the cell sees a surface that the
+    /// ray hits.
     fn color(&self, layers: &[MergedLayer], blend: Blend, step: Step) -> Option<[f64; 3]> {
         let grid = self.lumigraph.grid();
         let (eye, along) = (
@@ -117,12 +116,12 @@ impl Ray<'_> {
         let neighbours = self.neighbours(eye - along * (eye.z / along.z), step.shift);
         let (mut color, mut open) = ([0.0; 3], 1.0);
         for layer in layers {
-            let indices = if step.loose {
+            let indices = if step.with_neighbours {
                 layer.with_neighbours
             } else {
                 layer.indices
             };
-            // Infinity is a direction, whatever the camera.
+            // A point at infinity is a direction, the same for all cameras.
             let point = match layer.drawn {
                 drawn if drawn > 0.0 => {
                     self.eye + self.direction * ((1.0 / drawn - eye.z) / along.z)
@@ -132,7 +131,7 @@ impl Ray<'_> {
             let mut sum = [0.0; 4];
             let (mut showing, mut through) = (0.0, 0.0);
             for neighbour in &neighbours {
-                let Some(image) = self.image(neighbour, point, layer.level) else {
+                let Some(image) = self.project(neighbour, point, layer.level) else {
                     continue;
                 };
                 let index = image.nearest()[3];
@@ -158,11 +157,11 @@ impl Ray<'_> {
         (open < 1.0).then(|| color.map(|c| c / (1.0 - open) / 65535.0))
     }
 
-    /// The four cameras about a crossing of the plane, or those of a cell some columns and rows
-    /// from there.
+    /// Returns the four cameras of the cell that contains a crossing of the plane, or of the cell
+    /// `shift` columns and rows from it.
     fn neighbours(&self, crossing: DVec3, shift: [i32; 2]) -> Vec<Neighbour> {
         let grid = self.lumigraph.grid();
-        let least = f64::from(crate::render::rays::LEAST_WEIGHT);
+        let least = f64::from(crate::render::rays::MIN_WEIGHT);
         let sides = |places: &[f64], position: f64, shift: i32| {
             let last_cell = places.len() as i32 - 2;
             let cell = places.iter().filter(|place| **place <= position).count() as i32 - 1;
@@ -183,40 +182,44 @@ impl Ray<'_> {
         let all = rows
             .into_iter()
             .flat_map(|row| columns.map(|column| (column, row)));
-        let neighbour = |((column, of_column), (row, of_row))| Neighbour {
+        let neighbour = |((column, column_weight), (row, row_weight))| Neighbour {
             camera: grid.camera(column, row),
             number: row * grid.columns().len() + column,
-            weight: of_column * of_row,
+            weight: column_weight * row_weight,
         };
         all.map(neighbour).collect()
     }
 
-    /// A camera's image where it shows a point, if it does.
-    fn image(&self, neighbour: &Neighbour, point: DVec3, level: usize) -> Option<Place<'_>> {
+    /// Projects a point into a camera's image; `None` if it is outside.
+    fn project(
+        &self,
+        neighbour: &Neighbour,
+        point: DVec3,
+        level: usize,
+    ) -> Option<ImagePosition<'_>> {
         let [x, y, _] = neighbour.camera.project(point)?;
         let pyramid = &self.lumigraph.pyramid;
-        let level_at = pyramid.levels[level];
+        let size = pyramid.levels[level];
         let coarser = 0.5f64.powi(level as i32);
         let (x, y) = (x * coarser, y * coarser);
-        let inside =
-            x >= 0.0 && y >= 0.0 && x < level_at.width as f64 && y < level_at.height as f64;
-        let texels = &pyramid.texels[neighbour.number * pyramid.stride + level_at.first..];
-        inside.then_some(Place {
+        let inside = x >= 0.0 && y >= 0.0 && x < size.width as f64 && y < size.height as f64;
+        let texels = &pyramid.texels[neighbour.number * pyramid.stride + size.first..];
+        inside.then_some(ImagePosition {
             texels,
-            level: level_at,
+            level: size,
             at: [x, y],
         })
     }
 }
 
-/// A position in an image.
-struct Place<'a> {
+/// Position in a level of an image.
+struct ImagePosition<'a> {
     texels: &'a [Texel],
     level: Level,
     at: [f64; 2],
 }
 
-impl Place<'_> {
+impl ImagePosition<'_> {
     fn texel(&self, column: usize, row: usize) -> Texel {
         self.texels[row * self.level.width + column]
     }
@@ -225,18 +228,18 @@ impl Place<'_> {
         self.texel(self.at[0] as usize, self.at[1] as usize)
     }
 
-    /// Adds the four texels around, of which those count that show one of the layers.
+    /// Adds the bilinear taps that belong to one of the layers.
     fn add_taps(&self, indices: [u16; 2], weight: f64, sum: &mut [f64; 4]) {
         let sides = |at: f64, count: usize| {
             let at = (at - 0.5).clamp(0.0, (count - 1) as f64);
             let low = (at as usize).min(count - 2);
             [(low, 1.0 - (at - low as f64)), (low + 1, at - low as f64)]
         };
-        for (column, of_column) in sides(self.at[0], self.level.width) {
-            for (row, of_row) in sides(self.at[1], self.level.height) {
+        for (column, column_weight) in sides(self.at[0], self.level.width) {
+            for (row, row_weight) in sides(self.at[1], self.level.height) {
                 let texel = self.texel(column, row);
                 if (indices[0]..=indices[1]).contains(&texel[3]) {
-                    let weight = weight * of_column * of_row;
+                    let weight = weight * column_weight * row_weight;
                     (0..3).for_each(|c| sum[c] += weight * f64::from(texel[c]));
                     sum[3] += weight;
                 }

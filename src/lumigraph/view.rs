@@ -1,5 +1,4 @@
-//! A lumigraph as a [`View`]: the eye flies about before its images, or from one light slab to the
-//! next.
+//! A lumigraph as a [`View`], with one or several light slabs.
 
 use crate::{Blend, LumigraphSettings, LumigraphStats, Show, Slabs, SlabsRenderer};
 use headbox_core::file_frame::FileFrame;
@@ -21,7 +20,7 @@ pub struct LumigraphView {
 }
 
 impl LumigraphView {
-    /// A view of `slabs`.
+    /// Creates a view of `slabs`.
     pub fn new(slabs: Slabs) -> Self {
         Self {
             slabs,
@@ -35,7 +34,7 @@ impl LumigraphView {
         &self.slabs
     }
 
-    /// The settings of every lumigraph.
+    /// Settings of all lumigraph views.
     pub fn setting_table() -> Vec<Setting> {
         let defaults = LumigraphSettings::default();
         vec![
@@ -104,7 +103,8 @@ impl View for LumigraphView {
         KIND
     }
 
-    /// Between the cameras in the middle, as wide as all is in focus.
+    /// Returns the view from the middle of the grid, with the field of view that the cameras there
+    /// cover.
     fn start(&self, size_px: [u32; 2]) -> StartView {
         let first = self.slabs.first();
         let grid = first.grid();
@@ -122,7 +122,7 @@ impl View for LumigraphView {
         let first = self.slabs.first();
         let grid = first.grid();
         let across = |places: &[f64]| places[places.len() - 1] - places[0];
-        // Of a single camera nothing says how large the scene is but its depth.
+        // With a single camera only the depth indicates the size of the scene.
         let nearest = first.range().map_or(1.0, |[_, max]| 1.0 / max);
         across(grid.columns())
             .max(across(grid.rows()))

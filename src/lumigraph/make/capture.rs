@@ -1,4 +1,4 @@
-//! Images of a grid of cameras by ray tracing (L5).
+//! Capture of the images of a camera grid by ray tracing (L5).
 
 use super::raw::{RawLumigraph, RawPicture, SAME_SURFACE};
 use crate::{CameraGrid, GridParts};
@@ -11,12 +11,12 @@ use headbox_trace::sampler::random4;
 use rayon::prelude::*;
 use std::io;
 
-/// Settings of capturing images of a scene.
+/// Scene and settings of a capture.
 #[derive(Clone, Copy, Debug)]
 pub struct LumigraphCapture<'a> {
     /// The scene.
     pub tracer: &'a Tracer,
-    /// Its light, as for truth frames.
+    /// Lighting of the scene, as for truth frames.
     pub lighting: &'a Lighting,
     /// True to compute light; otherwise albedo and emission are stored.
     pub lit: bool,
@@ -25,11 +25,11 @@ pub struct LumigraphCapture<'a> {
 }
 
 impl LumigraphCapture<'_> {
-    /// Traces all images. A pixel's disparity is that of the ray through its centre, its colour
-    /// that of all rays that see the same surface.
+    /// Traces all images. A pixel's disparity is that of the ray through its centre; its colour is
+    /// the mean over the rays that hit the same surface.
     ///
     /// # Errors
-    /// Of kind [`io::ErrorKind::Interrupted`] if `progress` gave it up.
+    /// [`io::ErrorKind::Interrupted`] if `progress` was cancelled.
     pub fn run(&self, grid: &CameraGrid, progress: &dyn Progress) -> io::Result<RawLumigraph> {
         let [width, height] = grid.size_px();
         progress.begin(
@@ -54,27 +54,28 @@ impl LumigraphCapture<'_> {
         };
         let pictures = (0..grid.camera_count()).map(picture).collect();
         check_cancelled(progress)?;
-        Ok(RawLumigraph::new(
-            grid.clone(),
+        Ok(RawLumigraph {
+            grid: grid.clone(),
             pictures,
-            self.lighting.environment(),
-        ))
+            environment: self.lighting.environment(),
+        })
     }
 
-    /// Colour and disparity of a pixel.
+    /// Traces colour and disparity of a pixel.
     fn pixel(&self, camera: &Camera, pixel: [u32; 2]) -> ([u8; 3], f32) {
         let centre = self.ray(camera, pixel, [0.5; 2]);
         let depth = self.tracer.closest(&centre).map(|hit| hit.t);
+        let samples = self.samples.max(1);
+        let jitter = |index| {
+            if samples == 1 {
+                [0.5; 2]
+            } else {
+                pixel_jitter(pixel[0], pixel[1], index)
+            }
+        };
         let (mut sum, mut count) = (Vec3::ZERO, 0u32);
-        for start in (0..self.samples.max(1)).step_by(PACKET) {
-            let numbers = start..self.samples.max(1).min(start + PACKET as u32);
-            let jitter = |index| {
-                if self.samples <= 1 {
-                    [0.5; 2]
-                } else {
-                    pixel_jitter(pixel[0], pixel[1], index)
-                }
-            };
+        for start in (0..samples).step_by(PACKET) {
+            let numbers = start..samples.min(start + PACKET as u32);
             let rays: Vec<Ray> = numbers
                 .clone()
                 .map(|index| self.ray(camera, pixel, jitter(index)))
@@ -94,32 +95,20 @@ impl LumigraphCapture<'_> {
             }
         }
         if count == 0 {
-            (sum, count) = (
-                self.radiance(&centre, self.tracer.closest(&centre).as_ref(), pixel, 0),
-                1,
-            );
+            sum = self.radiance(&centre, self.tracer.closest(&centre).as_ref(), pixel, 0);
+            count = 1;
         }
         let color = self.lighting.stored(sum / count as f32);
-        let disparity = depth.map_or(0.0, |depth| 1.0 / depth);
-        (
-            color,
-            if disparity.is_finite() {
-                disparity
-            } else {
-                0.0
-            },
-        )
+        let disparity = depth.map(|depth| 1.0 / depth).filter(|d| d.is_finite());
+        (color, disparity.unwrap_or(0.0))
     }
 
-    /// Rays have an eye depth of 1 per unit of length.
+    /// Creates a camera ray; its direction has eye depth 1, so that hit distances are eye depths.
     fn ray(&self, camera: &Camera, [x, y]: [u32; 2], [dx, dy]: [f32; 2]) -> Ray {
-        let direction = camera
-            .direction(f64::from(x) + f64::from(dx), f64::from(y) + f64::from(dy))
-            .as_vec3();
-        let origin = (camera.eye() - self.tracer.origin()).as_vec3();
+        let (x, y) = (f64::from(x) + f64::from(dx), f64::from(y) + f64::from(dy));
         Ray {
-            origin,
-            direction,
+            origin: (camera.eye() - self.tracer.origin()).as_vec3(),
+            direction: camera.direction(x, y).as_vec3(),
             t_min: 0.0,
             t_max: f32::INFINITY,
         }
@@ -133,37 +122,34 @@ impl LumigraphCapture<'_> {
     }
 }
 
-/// The middle of the disparities that a camera amid the others sees, without the outermost
-/// twentieths, 1/m; 0 if it sees nothing.
+/// Returns the middle of the disparities seen from the origin of the grid, without the smallest and
+/// largest 5 %, 1/m; 0 if no ray hits a surface.
 pub fn middle_disparity(tracer: &Tracer, parts: &GridParts) -> f64 {
     const RAYS: u32 = 48;
     let half = parts
         .size_px
         .map(|side| f64::from(side) / 2.0 / parts.focal_px);
-    let place = |i: u32| f64::from(2 * i + 1) / f64::from(RAYS) - 1.0;
-    let ray = |i: u32| {
-        let slopes = DVec3::new(place(i % RAYS) * half[0], place(i / RAYS) * half[1], -1.0);
-        let direction = (parts.world_from_eye * slopes).as_vec3();
-        let origin = (parts.origin - tracer.origin()).as_vec3();
+    let offset = |i: u32| f64::from(2 * i + 1) / f64::from(RAYS) - 1.0;
+    let disparity = |i: u32| {
+        let slopes = DVec3::new(offset(i % RAYS) * half[0], offset(i / RAYS) * half[1], -1.0);
+        let ray = Ray {
+            origin: (parts.origin - tracer.origin()).as_vec3(),
+            direction: (parts.world_from_eye * slopes).as_vec3(),
+            t_min: 0.0,
+            t_max: f32::INFINITY,
+        };
         tracer
-            .closest(&Ray {
-                origin,
-                direction,
-                t_min: 0.0,
-                t_max: f32::INFINITY,
-            })
-            .map(|hit| hit.t)
+            .closest(&ray)
+            .map_or(0.0, |hit| 1.0 / f64::from(hit.t))
     };
     let mut disparities: Vec<f64> = (0..RAYS * RAYS)
-        .map(|i| ray(i).map_or(0.0, |depth| 1.0 / f64::from(depth)))
+        .map(disparity)
         .filter(|d| d.is_finite())
         .collect();
     disparities.sort_by(f64::total_cmp);
-    let at = |share: usize| {
-        disparities
-            .get(disparities.len() * share / 20)
-            .copied()
-            .unwrap_or(0.0)
+    let quantile = |twentieths: usize| {
+        let index = disparities.len() * twentieths / 20;
+        disparities.get(index).copied().unwrap_or(0.0)
     };
-    0.5 * (at(1) + at(19))
+    0.5 * (quantile(1) + quantile(19))
 }

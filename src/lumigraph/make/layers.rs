@@ -1,9 +1,9 @@
-//! Layers of disparity: where they lie, and which of them a surface belongs to (L2, L4, L5; C22).
+//! Placement of disparity layers, and classification of surfaces (L2, L4, L5; C22).
 
 use crate::bounds::optimal_disparity;
 use serde::{Deserialize, Serialize};
 
-/// Surfaces of some range of disparity (1 / depth behind the camera plane, 1/m).
+/// Layer of surfaces in a range of disparity (1 / depth beyond the camera plane, 1/m).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DisparityLayer {
     /// Disparity of the farthest surface.
@@ -13,17 +13,17 @@ pub struct DisparityLayer {
 }
 
 impl DisparityLayer {
-    /// Disparity at which the layer is drawn.
+    /// Returns the disparity at which the layer is drawn.
     pub fn drawn(&self) -> f64 {
         optimal_disparity(self.range())
     }
 
-    /// Both ends.
+    /// Returns the smallest and the largest disparity.
     pub fn range(&self) -> [f64; 2] {
         [self.min, self.max]
     }
 
-    /// From the farthest of one layer to the nearest of another.
+    /// Returns the layer from the far end of this one to the near end of `nearer`.
     pub fn through(&self, nearer: &Self) -> Self {
         Self {
             min: self.min,
@@ -36,15 +36,14 @@ impl DisparityLayer {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Placement {
-    /// Equal shares of the range of disparity (Eq. 6).
+    /// Equal parts of the range of disparity (Eq. 6).
     Uniform,
-    /// By the histogram of disparities: the widest layer is as narrow as the number of layers
-    /// allows.
+    /// By the disparities that occur: the widest layer is as narrow as the number of layers allows.
     #[default]
     Histogram,
 }
 
-/// `count` equal shares of a range of disparity, far ones first (Eq. 6).
+/// Divides a range of disparity into `count` equal layers, from far to near (Eq. 6).
 pub fn uniform([min, max]: [f64; 2], count: usize) -> Vec<DisparityLayer> {
     let end = |i: usize| {
         if i == count {
@@ -61,8 +60,8 @@ pub fn uniform([min, max]: [f64; 2], count: usize) -> Vec<DisparityLayer> {
         .collect()
 }
 
-/// At most `count` layers that hold all of some disparities, far ones first, each no wider than its
-/// surfaces: layers that would hold nothing are left out. No layers for no disparities.
+/// Places at most `count` layers that contain all `disparities`, from far to near, each no wider
+/// than its surfaces. Empty layers are left out.
 pub fn place(disparities: &[f32], count: usize, placement: Placement) -> Vec<DisparityLayer> {
     let mut sorted: Vec<f32> = disparities
         .iter()
@@ -77,66 +76,55 @@ pub fn place(disparities: &[f32], count: usize, placement: Placement) -> Vec<Dis
     let count = count.max(1);
     match placement {
         Placement::Uniform => {
-            let shares = uniform([f64::from(first), f64::from(last)], count);
+            let parts = uniform([f64::from(first), f64::from(last)], count);
             let mut rest = sorted.as_slice();
-            let held = shares.iter().enumerate().filter_map(|(i, share)| {
+            let layer = |(i, part): (usize, &DisparityLayer)| {
                 let own = if i + 1 == count {
                     rest.len()
                 } else {
-                    rest.partition_point(|d| f64::from(*d) < share.max)
+                    rest.partition_point(|d| f64::from(*d) < part.max)
                 };
                 let (own, others) = rest.split_at(own);
                 rest = others;
-                around(own)
-            });
-            held.collect()
+                enclosing(own)
+            };
+            parts.iter().enumerate().filter_map(layer).collect()
         }
-        Placement::Histogram => of_width(&sorted, least_width(&sorted, count)),
+        Placement::Histogram => cover(&sorted, min_width(&sorted, count)),
     }
 }
 
-/// The layer of some ascending disparities.
-fn around(sorted: &[f32]) -> Option<DisparityLayer> {
+/// Returns the layer that just contains ascending disparities.
+fn enclosing(sorted: &[f32]) -> Option<DisparityLayer> {
     Some(DisparityLayer {
         min: f64::from(*sorted.first()?),
         max: f64::from(*sorted.last()?),
     })
 }
 
-/// The fewest layers of at most some width that hold ascending disparities: each begins at the
-/// farthest that is left.
-fn of_width(sorted: &[f32], width: f64) -> Vec<DisparityLayer> {
+/// Covers ascending disparities with the fewest layers of at most `width`: each begins at the
+/// farthest disparity that is left.
+fn cover(sorted: &[f32], width: f64) -> Vec<DisparityLayer> {
     let mut layers = Vec::new();
     let mut rest = sorted;
     while let Some(&first) = rest.first() {
-        let (own, others) = rest.split_at(
-            rest.partition_point(|d| f64::from(*d) - f64::from(first) <= width)
-                .max(1),
-        );
-        layers.extend(around(own));
+        let own = rest.partition_point(|d| f64::from(*d) - f64::from(first) <= width);
+        let (own, others) = rest.split_at(own.max(1));
+        layers.extend(enclosing(own));
         rest = others;
     }
     layers
 }
 
-/// The least width at which `count` layers hold ascending disparities.
-fn least_width(sorted: &[f32], count: usize) -> f64 {
-    let fits = |width: f64| {
-        let (mut rest, mut used) = (sorted, 0);
-        while let Some(&first) = rest.first() {
-            used += 1;
-            rest = &rest[rest
-                .partition_point(|d| f64::from(*d) - f64::from(first) <= width)
-                .max(1)..];
-        }
-        used <= count
-    };
+/// Returns the smallest width at which `count` layers cover ascending disparities.
+fn min_width(sorted: &[f32], count: usize) -> f64 {
+    let fits = |width: f64| cover(sorted, width).len() <= count;
     if fits(0.0) {
         return 0.0;
     }
-    let whole = around(sorted).map_or(0.0, |layer| layer.max - layer.min);
+    let whole = enclosing(sorted).map_or(0.0, |layer| layer.max - layer.min);
     let (mut too_narrow, mut wide_enough) = (0.0, whole);
-    // As fine as f32 disparities are.
+    // Resolves the precision of f32 disparities.
     for _ in 0..40 {
         let middle = 0.5 * (too_narrow + wide_enough);
         if fits(middle) {
@@ -148,8 +136,8 @@ fn least_width(sorted: &[f32], count: usize) -> f64 {
     wide_enough
 }
 
-/// Layer of a disparity, counted from 1 for the farthest; 0 where nothing was seen. Disparities
-/// between two layers belong to the nearer end.
+/// Returns the layer of a disparity, counted from 1 for the farthest; 0 for infinity. A disparity
+/// between two layers belongs to the layer with the nearer end.
 pub fn classify(layers: &[DisparityLayer], disparity: f32) -> u16 {
     if disparity.is_nan() || disparity <= 0.0 || layers.is_empty() {
         return 0;

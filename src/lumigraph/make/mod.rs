@@ -1,4 +1,5 @@
-//! Making lumigraphs: from a scene, from image sets with depth, and from several light slabs.
+//! Creation of lumigraphs: from a scene, from image sets with depth, and sets of several light
+//! slabs.
 
 pub(crate) mod capture;
 mod find_grid;

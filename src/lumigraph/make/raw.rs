@@ -1,57 +1,39 @@
-//! Images with disparities before they have layers, and the layers of their pixels (L5).
+//! Images with a disparity per pixel, and their division into layers (L5).
 
 use super::layers::{Placement, classify, place};
 use crate::{CameraGrid, DisparityLayer, Lumigraph, LumigraphError, MAX_LAYERS, Picture};
 use headbox_core::environment::Environment;
 use rayon::prelude::*;
 
-/// Images with a disparity for each pixel: what layers are made of, as many as wanted.
+/// Images of a camera grid with a disparity per pixel, from which any number of layers can be made.
 #[derive(Clone, Debug)]
 pub struct RawLumigraph {
-    grid: CameraGrid,
-    pictures: Vec<RawPicture>,
-    environment: Environment,
+    pub(super) grid: CameraGrid,
+    /// Picture of each camera, in the grid's size, row by row from the lowest.
+    pub(super) pictures: Vec<RawPicture>,
+    pub(super) environment: Environment,
 }
 
 /// Image of one camera, with disparities.
 #[derive(Clone, Debug, Default)]
 pub(super) struct RawPicture {
     pub(super) color: Vec<[u8; 3]>,
-    /// 1 / eye depth, 1/m; 0 where no surface is, NaN where nothing is known.
+    /// 1 / eye depth, 1/m; 0 at infinity, NaN if unknown.
     pub(super) disparity: Vec<f32>,
 }
 
-/// Rays of one pixel, or of pixels side by side, see the same surface if their depths differ by no
-/// more than this share. Others take no part in its colour, which would come along when the surface
-/// is moved.
+/// Largest relative difference in depth of rays in a pixel, or of adjacent pixels, that hit the
+/// same surface. Others do not contribute to its colour, which would otherwise move with the
+/// surface.
 pub(super) const SAME_SURFACE: f32 = 0.05;
 
 impl RawLumigraph {
-    /// A picture of the grid's size for each camera, row by row from the lowest.
-    pub(super) fn new(
-        grid: CameraGrid,
-        pictures: Vec<RawPicture>,
-        environment: Environment,
-    ) -> Self {
-        Self {
-            grid,
-            pictures,
-            environment,
-        }
-    }
-
-    /// The cameras.
+    /// Grid of the cameras.
     pub fn grid(&self) -> &CameraGrid {
         &self.grid
     }
 
-    /// Images of the cameras, row by row from the lowest.
-    #[cfg(test)]
-    pub(super) fn pictures(&self) -> &[RawPicture] {
-        &self.pictures
-    }
-
-    /// The least and the greatest disparity of all pixels, 1/m.
+    /// Returns the smallest and the largest disparity of all pixels, 1/m.
     pub fn range(&self) -> Option<[f64; 2]> {
         let seen = self
             .pictures
@@ -64,10 +46,10 @@ impl RawLumigraph {
         (range[1] > 0.0).then(|| range.map(f64::from))
     }
 
-    /// Puts each pixel into one of at most `count` layers.
+    /// Assigns each pixel to one of at most `count` layers.
     ///
     /// # Errors
-    /// [`LumigraphError::TooManyLayers`], of which what is not known counts as one;
+    /// [`LumigraphError::TooManyLayers`], where unknown pixels count as a layer;
     /// [`LumigraphError::NothingSeen`] if no pixel has a disparity.
     pub fn layered(&self, count: usize, placement: Placement) -> Result<Lumigraph, LumigraphError> {
         let disparities: Vec<f32> = self
@@ -86,7 +68,7 @@ impl RawLumigraph {
         let pictures = self
             .pictures
             .par_iter()
-            .map(|picture| picture.layered(&layers))
+            .map(|picture| picture.classify(&layers))
             .collect();
         let mut lumigraph = Lumigraph::new(self.grid.clone(), layers, pictures)?;
         lumigraph.info.placement = placement;
@@ -96,7 +78,8 @@ impl RawLumigraph {
 }
 
 impl RawPicture {
-    fn layered(&self, layers: &[DisparityLayer]) -> Picture {
+    /// Replaces disparities by layers.
+    fn classify(&self, layers: &[DisparityLayer]) -> Picture {
         let unknown = (layers.len() + 1) as u16;
         let index = |&disparity: &f32| {
             if disparity.is_nan() {

@@ -1,25 +1,25 @@
-//! Several light slabs of one scene, each a lumigraph with a plane of its own, shown as one (the
+//! Several light slabs of one scene, each a lumigraph with its own plane, rendered as one (the
 //! paper's limitation 4).
 //!
-//! A slab serves a ray well that goes where its cameras look and crosses its plane between them.
-//! For a frame the slab that serves its rays best is drawn, and the next best, in shares that
-//! depend on the camera alone and smoothly: the share of the second is nothing before a third takes
-//! its place, and the two change roles at a half, so that nothing jumps as the eye moves from one
-//! to the next.
+//! A slab fits a ray that runs in the viewing direction of its cameras and crosses its plane
+//! between them. A frame draws the two slabs that fit its rays best, with shares that are a
+//! continuous function of the camera: the share of the second falls to 0 before a third takes its
+//! place, and the two change roles at one half, so that there is no jump as the eye moves from one
+//! slab to the next.
 
 use crate::grid::PlaneView;
 use crate::{Lumigraph, LumigraphError, LumigraphInfo, optimal_disparity};
 use glam::DVec2;
 use headbox_core::camera::Camera;
 
-/// Slabs at most: a hundred planes about an object are more than any needs.
+/// Maximum number of slabs: a hundred planes about an object are more than enough.
 pub const MAX_SLABS: usize = 256;
 
-/// Largest difference in fitness to the best slab for which a second slab is blended in, radians:
-/// rotated planes hand over within some seven degrees to either side of the middle.
-const REACH: f64 = 0.5;
+/// Largest difference in misfit from the best slab at which a second one is blended in, radians:
+/// rotated planes blend within about seven degrees to either side of the middle.
+const BLEND_RANGE: f64 = 0.5;
 
-/// Positions of the probe rays of a frame, in shares of its width and height.
+/// Positions of the probe rays of a frame, as shares of its width and height.
 const PROBES: [f64; 3] = [1.0 / 6.0, 0.5, 5.0 / 6.0];
 
 /// Light slabs of one scene, at least one.
@@ -28,12 +28,12 @@ pub struct Slabs {
     slabs: Vec<Lumigraph>,
 }
 
-/// A slab that a frame shows.
+/// A slab in a frame, with its share.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SlabShare {
-    /// Its number.
+    /// Index of the slab.
     pub slab: usize,
-    /// Its share of the frame; those of a frame add up to 1.
+    /// Its share; the shares of a frame add up to 1.
     pub share: f64,
 }
 
@@ -46,7 +46,7 @@ impl From<Lumigraph> for Slabs {
 }
 
 impl Slabs {
-    /// Slabs of one scene; the first one's environment and info are those of all.
+    /// Creates a set of slabs; info and environment of the first become those of all.
     ///
     /// # Errors
     /// [`LumigraphError::Slabs`] if there are none or too many.
@@ -61,17 +61,17 @@ impl Slabs {
         Ok(Self { slabs })
     }
 
-    /// All of them.
+    /// All slabs.
     pub fn all(&self) -> &[Lumigraph] {
         &self.slabs
     }
 
-    /// The first.
+    /// The first slab.
     pub fn first(&self) -> &Lumigraph {
         &self.slabs[0]
     }
 
-    /// The only one, if there are no others.
+    /// Returns the only slab; `None` if there are several.
     pub fn into_single(self) -> Option<Lumigraph> {
         <[Lumigraph; 1]>::try_from(self.slabs)
             .ok()
@@ -83,58 +83,44 @@ impl Slabs {
         &self.first().info
     }
 
-    /// Slabs that a frame shows, with their shares: the best first, and at most one more.
+    /// Returns the slabs to draw for a camera with their shares: the best first, and at most one
+    /// more.
     pub fn shares(&self, camera: &Camera) -> Vec<SlabShare> {
-        let mut order: Vec<(usize, f64)> = self
-            .slabs
-            .iter()
-            .map(|slab| unfit(slab, camera))
-            .enumerate()
-            .collect();
+        let misfits = self.slabs.iter().map(|slab| misfit(slab, camera));
+        let mut order: Vec<(usize, f64)> = misfits.enumerate().collect();
         order.sort_by(|(_, a), (_, b)| a.total_cmp(b));
         let [(best, least), ref others @ ..] = order[..] else {
             return Vec::new();
         };
-        let limit = others
-            .get(1)
-            .map_or(least + REACH, |(_, third)| third.min(least + REACH));
-        let second = others.first().filter(|(_, unfit)| *unfit < limit);
-        let Some(&(second, unfit)) = second else {
-            return vec![SlabShare {
-                slab: best,
-                share: 1.0,
-            }];
+        let limit = others.get(1).map_or(least + BLEND_RANGE, |(_, third)| {
+            third.min(least + BLEND_RANGE)
+        });
+        let second = others.first().filter(|(_, misfit)| *misfit < limit);
+        let share = |slab: usize, share: f64| SlabShare { slab, share };
+        let Some(&(second, misfit)) = second else {
+            return vec![share(best, 1.0)];
         };
-        let share = 0.5 * smooth((limit - unfit) / (limit - least));
-        vec![
-            SlabShare {
-                slab: best,
-                share: 1.0 - share,
-            },
-            SlabShare {
-                slab: second,
-                share,
-            },
-        ]
+        let second_share = 0.5 * smoothstep((limit - misfit) / (limit - least));
+        vec![share(best, 1.0 - second_share), share(second, second_share)]
     }
 }
 
-/// From 0 at 0 to 1 at 1, with no slope at either.
-fn smooth(x: f64) -> f64 {
+/// Cubic from 0 at 0 to 1 at 1, with slope 0 at both ends.
+fn smoothstep(x: f64) -> f64 {
     x * x * (3.0 - 2.0 * x)
 }
 
-/// Unfitness of a slab for a frame, radians: mean over probe rays of the angle to the cameras'
-/// viewing direction and of the distance at which they pass the cameras on the plane, as seen from
-/// the middle of the disparities (at most one). A continuous function of the camera.
-fn unfit(slab: &Lumigraph, camera: &Camera) -> f64 {
+/// Returns the misfit of a slab and a frame, radians: mean over probe rays of the angle to the
+/// cameras' viewing direction plus the distance outside the grid at which they cross the plane, as
+/// seen from the middle of the disparities (at most 1). A continuous function of the camera.
+fn misfit(slab: &Lumigraph, camera: &Camera) -> f64 {
     let grid = slab.grid();
     let view = PlaneView::new(grid, camera);
-    let [width, height] = view.size();
-    let ends = |places: &[f64]| [places[0], places[places.len() - 1]];
+    let [width, height] = view.size;
+    let ends = |positions: &[f64]| [positions[0], positions[positions.len() - 1]];
     let (columns, rows) = (ends(grid.columns()), ends(grid.rows()));
     let disparity = slab.range().map_or(0.0, optimal_disparity);
-    let of_ray = |share: [f64; 2]| {
+    let ray_misfit = |share: [f64; 2]| {
         let at = [width * share[0], height * share[1]];
         let direction = view.start + view.step[0] * at[0] + view.step[1] * at[1];
         let turned = (direction.z / direction.length()).clamp(-1.0, 1.0).acos();
@@ -142,12 +128,12 @@ fn unfit(slab: &Lumigraph, camera: &Camera) -> f64 {
             return turned + 1.0;
         };
         let crossing = view.crossing(slopes);
-        let beside = |at: f64, [low, high]: [f64; 2]| (low - at).max(at - high).max(0.0);
-        let off = DVec2::new(beside(crossing.x, columns), beside(crossing.y, rows)).length();
+        let outside = |at: f64, [low, high]: [f64; 2]| (low - at).max(at - high).max(0.0);
+        let off = DVec2::new(outside(crossing.x, columns), outside(crossing.y, rows)).length();
         turned + (off * disparity).min(1.0)
     };
     let rays = PROBES.into_iter().flat_map(|x| PROBES.map(|y| [x, y]));
-    rays.map(of_ray).sum::<f64>() / (PROBES.len() * PROBES.len()) as f64
+    rays.map(ray_misfit).sum::<f64>() / (PROBES.len() * PROBES.len()) as f64
 }
 
 #[cfg(test)]

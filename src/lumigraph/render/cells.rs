@@ -1,11 +1,12 @@
 //! Rectangles of the images with the set of layers in each, so that a frame skips layers where they
-//! are absent, and skips lookups where a whole rectangle shows one layer (L10).
+//! are absent, and skips lookups where a whole rectangle contains one layer (L10).
 //!
-//! The paper keeps the range of layers of each rectangle. Here rectangles are squares, of a few
-//! pixels and of twice as many, four times and so on; beside the range, which says what the cameras
-//! of a whole tile see, each keeps a set of layers, as a square of a near thing before a far wall
-//! has a range of all. A square counts with the next ones to the right, below and between: then one
-//! look answers for whatever begins in the square and is not larger.
+//! The paper stores the range of layers of each rectangle. Here rectangles are squares of a few
+//! pixels, of twice as many, four times and so on. Each has a range, which decides what a whole
+//! tile sees, and a set of layers, since the range of a square with a near object in front of a far
+//! wall includes all layers. A square is united with the next ones to the right, below and
+//! diagonally: then a single lookup covers every rectangle that begins in the square and is not
+//! larger.
 
 use super::layer_in_view::LayerInView;
 use super::pyramid::{Level, Pyramid};
@@ -17,13 +18,14 @@ use std::ops::RangeInclusive;
 /// Edge of the smallest squares, pixels.
 const EDGE_PX: usize = 2;
 
-/// Error of positions, pixels: they have 24 bits, and are not computed in the way of single rays.
+/// Error bound of positions, pixels: they have 24 bits, and differ in rounding from those of single
+/// rays.
 const ROUNDING_PX: f32 = 0.125;
 
 /// Mapping of layers to the bits of a set.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Buckets {
-    /// Layers, and one for infinity.
+    /// Number of layers, plus one for infinity.
     indices: usize,
 }
 
@@ -34,14 +36,14 @@ impl Buckets {
         }
     }
 
-    /// The buckets of a range of indices.
+    /// Returns the set of buckets of a range of indices.
     pub(super) fn set(self, indices: RangeInclusive<u16>) -> u64 {
         let bucket = |index: u16| (usize::from(index) * 64 / self.indices).min(63) as u32;
         let (first, last) = (bucket(*indices.start()), bucket(*indices.end()));
         (u64::MAX << first) & (u64::MAX >> (63 - last))
     }
 
-    /// The set of each index; what is not known shows nothing.
+    /// Returns the set of each index; that of unknown pixels is empty.
     fn by_index(self) -> Vec<u64> {
         let indices = (0..=u16::MAX).take(self.indices + 1).enumerate();
         indices
@@ -56,40 +58,39 @@ impl Buckets {
     }
 }
 
-/// Layers of a square and of its neighbours.
+/// Layers that occur in a square.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct LayerSquare {
-    /// Bit set of layers.
+    /// Set of buckets.
     set: u64,
-    /// The lowest and the highest index.
+    /// Smallest and largest index.
     range: [u16; 2],
 }
 
 impl LayerSquare {
-    /// No pixel at all.
+    /// A square without pixels.
     const EMPTY: Self = Self {
         set: 0,
         range: [u16::MAX, 0],
     };
-    /// Beside the image: nothing, but it cannot be said to be one thing.
-    const BESIDE: Self = Self {
+    /// A square outside the image: no layers, but a full range, so that lookups are not skipped.
+    const OUTSIDE: Self = Self {
         set: 0,
         range: [0, u16::MAX],
     };
 
-    fn with(self, other: Self) -> Self {
-        let range = [
-            self.range[0].min(other.range[0]),
-            self.range[1].max(other.range[1]),
-        ];
+    fn union(self, other: Self) -> Self {
         Self {
             set: self.set | other.set,
-            range,
+            range: [
+                self.range[0].min(other.range[0]),
+                self.range[1].max(other.range[1]),
+            ],
         }
     }
 }
 
-/// Squares of one size, with one more on every side.
+/// Squares of one size, with a border of one square on every side.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Scale {
     columns: usize,
@@ -99,11 +100,11 @@ struct Scale {
     edge_px: usize,
 }
 
-/// All squares of all images.
+/// Squares of all images at all sizes.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Cells {
     scales: Vec<Scale>,
-    /// Squares of a camera.
+    /// Number of squares of a camera.
     stride: usize,
     sets: Vec<u64>,
     ranges: Vec<[u16; 2]>,
@@ -112,12 +113,11 @@ pub(crate) struct Cells {
 impl Cells {
     pub(crate) fn new(pyramid: &Pyramid, buckets: Buckets) -> Self {
         let image = pyramid.levels[0];
-        let (mut scales, mut stride, mut edge_px): (Vec<Scale>, _, _) = (Vec::new(), 0, EDGE_PX);
+        let mut scales: Vec<Scale> = Vec::new();
+        let (mut stride, mut edge_px) = (0, EDGE_PX);
         loop {
-            let (columns, rows) = (
-                image.width.div_ceil(edge_px) + 2,
-                image.height.div_ceil(edge_px) + 2,
-            );
+            let [columns, rows] =
+                [image.width, image.height].map(|side| side.div_ceil(edge_px) + 2);
             scales.push(Scale {
                 columns,
                 rows,
@@ -133,23 +133,19 @@ impl Cells {
         let cameras = pyramid.texels.len() / pyramid.stride.max(1);
         let (mut sets, mut ranges) = (vec![0; stride * cameras], vec![[0; 2]; stride * cameras]);
         let by_index = buckets.by_index();
-        let of_cameras = sets
+        let cameras = sets
             .par_chunks_mut(stride)
             .zip(ranges.par_chunks_mut(stride));
-        of_cameras
+        cameras
             .zip(pyramid.texels.par_chunks(pyramid.stride.max(1)))
             .for_each(|((sets, ranges), texels)| {
-                let mut own = smallest(
-                    &scales[0],
-                    image,
-                    texels.iter().map(|texel| texel[3]),
-                    &by_index,
-                );
+                let indices = texels.iter().map(|texel| texel[3]);
+                let mut squares = smallest_squares(&scales[0], image, indices, &by_index);
                 for (i, scale) in scales.iter().enumerate() {
                     if i > 0 {
-                        own = doubled(&own, &scales[i - 1], scale);
+                        squares = coarsen(&squares, &scales[i - 1], scale);
                     }
-                    for (at, square) in with_next(&own, scale).enumerate() {
+                    for (at, square) in unite_with_next(&squares, scale).enumerate() {
                         (sets[scale.first + at], ranges[scale.first + at]) =
                             (square.set, square.range);
                     }
@@ -163,13 +159,13 @@ impl Cells {
         }
     }
 
-    /// Size of all squares, bytes.
+    /// Returns the size of all squares, bytes.
     pub(crate) fn bytes(&self) -> usize {
         size_of_val(&self.sets[..]) + size_of_val(&self.ranges[..])
     }
 
-    /// The lowest and the highest index in a square and the next ones; all there are, if that is
-    /// not known.
+    /// Returns the smallest and the largest index in a square and the next ones; the full range if
+    /// the square does not exist.
     #[inline(always)]
     pub(super) fn range(&self, square: u32) -> [u16; 2] {
         self.ranges
@@ -179,93 +175,82 @@ impl Cells {
     }
 }
 
-/// The smallest squares, of indices row by row.
-fn smallest(
+/// Builds the smallest squares from indices, row by row.
+fn smallest_squares(
     scale: &Scale,
     image: Level,
     indices: impl Iterator<Item = u16>,
     by_index: &[u64],
 ) -> Vec<LayerSquare> {
-    let mut own = vec![LayerSquare::EMPTY; scale.columns * scale.rows];
+    let mut squares = vec![LayerSquare::EMPTY; scale.columns * scale.rows];
     for (i, index) in indices.take(image.width * image.height).enumerate() {
         let (x, y) = (i % image.width / EDGE_PX + 1, i / image.width / EDGE_PX + 1);
-        let square = &mut own[y * scale.columns + x];
-        *square = square.with(LayerSquare {
+        let square = &mut squares[y * scale.columns + x];
+        *square = square.union(LayerSquare {
             set: by_index[usize::from(index)],
             range: [index; 2],
         });
     }
-    // A square that is cut by the image's border is beside it too.
-    for (at, square) in own.iter_mut().enumerate() {
+    // A square that crosses the image's border is also outside it.
+    for (at, square) in squares.iter_mut().enumerate() {
         let (x, y) = (at % scale.columns, at / scale.columns);
-        let cut = x == 0 || y == 0 || x * EDGE_PX > image.width || y * EDGE_PX > image.height;
-        *square = if cut {
-            square.with(LayerSquare::BESIDE)
-        } else {
-            *square
-        };
+        if x == 0 || y == 0 || x * EDGE_PX > image.width || y * EDGE_PX > image.height {
+            *square = square.union(LayerSquare::OUTSIDE);
+        }
     }
-    own
+    squares
 }
 
-/// Squares of twice the edge.
-fn doubled(own: &[LayerSquare], from: &Scale, to: &Scale) -> Vec<LayerSquare> {
-    let mut found = vec![LayerSquare::EMPTY; to.columns * to.rows];
+/// Builds squares of twice the edge.
+fn coarsen(finer: &[LayerSquare], from: &Scale, to: &Scale) -> Vec<LayerSquare> {
+    let mut squares = vec![LayerSquare::EMPTY; to.columns * to.rows];
     let halves = |at: usize, count: usize| (2 * at).saturating_sub(1)..(2 * at + 1).min(count);
-    for (at, square) in found.iter_mut().enumerate() {
-        let (columns, rows) = (
-            halves(at % to.columns, from.columns),
-            halves(at / to.columns, from.rows),
-        );
-        let cut = columns.len() < 2 || rows.len() < 2;
-        let parts = rows.flat_map(|y| columns.clone().map(move |x| own[y * from.columns + x]));
-        *square = parts.fold(
-            if cut {
-                LayerSquare::BESIDE
-            } else {
-                LayerSquare::EMPTY
-            },
-            LayerSquare::with,
-        );
+    for (at, square) in squares.iter_mut().enumerate() {
+        let columns = halves(at % to.columns, from.columns);
+        let rows = halves(at / to.columns, from.rows);
+        if columns.len() < 2 || rows.len() < 2 {
+            *square = LayerSquare::OUTSIDE;
+        }
+        let parts = rows.flat_map(|y| columns.clone().map(move |x| finer[y * from.columns + x]));
+        *square = parts.fold(*square, LayerSquare::union);
     }
-    found
+    squares
 }
 
-/// Each square with the next ones to the right, below, and right below.
-fn with_next<'a>(
-    own: &'a [LayerSquare],
+/// Unites each square with the next ones to the right, below, and diagonally.
+fn unite_with_next<'a>(
+    squares: &'a [LayerSquare],
     scale: &'a Scale,
 ) -> impl Iterator<Item = LayerSquare> + 'a {
-    own.iter().enumerate().map(|(at, square)| {
+    squares.iter().enumerate().map(|(at, square)| {
         let (x, y) = (at % scale.columns, at / scale.columns);
-        let of = |x: usize, y: usize| {
-            let is_there = x < scale.columns && y < scale.rows;
-            if is_there {
-                own[y * scale.columns + x]
+        let neighbour = |x: usize, y: usize| {
+            if x < scale.columns && y < scale.rows {
+                squares[y * scale.columns + x]
             } else {
-                LayerSquare::BESIDE
+                LayerSquare::OUTSIDE
             }
         };
         square
-            .with(of(x + 1, y))
-            .with(of(x, y + 1))
-            .with(of(x + 1, y + 1))
+            .union(neighbour(x + 1, y))
+            .union(neighbour(x, y + 1))
+            .union(neighbour(x + 1, y + 1))
     })
 }
 
-/// Rays that lie between the same four cameras.
+/// Bundle of rays between the same four cameras.
 #[derive(Clone, Copy)]
 pub(super) struct Bundle {
-    /// The least and the largest of their slopes, to the right and up.
+    /// Smallest and largest slope, to the right and up.
     pub(super) slopes: [[f32; 2]; 2],
-    /// Low and high places of the cameras, along the columns and along the rows.
-    pub(super) places: [[f32; 2]; 2],
-    /// Low and high columns of the low row, then of the high one.
+    /// Low and high camera positions along the columns and along the rows, metres.
+    pub(super) positions: [[f32; 2]; 2],
+    /// Camera indices: low and high column of the low row, then of the high row.
     pub(super) cameras: [usize; 4],
 }
 
-/// Up to sixteen layers of a frame, from near to far, laid out so that all are asked for at once;
-/// in pixels of the images.
+/// Up to sixteen layers of a frame, from near to far, laid out so that all are tested at once; in
+/// pixels of the images.
 #[derive(Default)]
 pub(super) struct Batch {
     pub(super) layers: Vec<LayerInView>,
@@ -279,9 +264,10 @@ pub(super) struct Batch {
 /// Layers of a batch that may be visible.
 #[derive(Default)]
 pub(super) struct BatchLayers {
-    /// A bit for each layer, from the nearest.
+    /// Bit mask of the layers, from the nearest.
     pub(super) layers: u32,
-    /// The four cameras' squares, layer by layer, if there are any as large as the bundle.
+    /// Square of each layer in the four cameras' images; `None` if the bundle is larger than all
+    /// squares.
     pub(super) squares: Option<[[u32; LANES]; 4]>,
 }
 
@@ -302,7 +288,7 @@ impl Batch {
         batch
     }
 
-    /// All layers, with no squares.
+    /// Returns all layers, without squares.
     pub(super) fn all(&self) -> BatchLayers {
         BatchLayers {
             layers: (1u32 << self.layers.len()) - 1,
@@ -310,18 +296,19 @@ impl Batch {
         }
     }
 
-    /// Those that may show to any of a bundle's rays; `loose`: with their neighbours.
+    /// Returns the layers that may be visible to any ray of a bundle, optionally including their
+    /// neighbours.
     #[inline(always)]
-    pub(super) fn near<S: Simd>(
+    pub(super) fn visible<S: Simd>(
         &self,
         simd: S,
         cells: &Cells,
         bundle: &Bundle,
-        loose: bool,
+        with_neighbours: bool,
     ) -> BatchLayers {
         let [[left, right], [low, high]] = bundle.slopes;
         let extent = (right - left).max(high - low) * self.largest_scale + 2.0 * ROUNDING_PX;
-        // Squares are no smaller than texels, so that these lie in one.
+        // Squares are at least as large as texels, so that a texel lies in one square.
         let is_enough =
             |scale: &&Scale| scale.edge_px as f32 >= extent && scale.edge_px >> self.coarsest > 0;
         let Some(squares) = cells.scales.iter().find(is_enough) else {
@@ -333,15 +320,15 @@ impl Batch {
         let shift = f32x16::load_array_ref(simd, &self.shift);
         let u = scale * left + f32x16::load_array_ref(simd, &self.add[0]) - ROUNDING_PX;
         let v = f32x16::load_array_ref(simd, &self.add[1]) - scale * high - ROUNDING_PX;
-        let [columns, rows] = bundle.places;
+        let [columns, rows] = bundle.positions;
         let column = [
-            number((u - shift * columns[0]) * per_edge, last[0]),
-            number((u - shift * columns[1]) * per_edge, last[0]),
+            square_index((u - shift * columns[0]) * per_edge, last[0]),
+            square_index((u - shift * columns[1]) * per_edge, last[0]),
         ];
         let width = squares.columns as i32;
         let row = [
-            number((v + shift * rows[0]) * per_edge, last[1]) * width,
-            number((v + shift * rows[1]) * per_edge, last[1]) * width,
+            square_index((v + shift * rows[0]) * per_edge, last[1]) * width,
+            square_index((v + shift * rows[1]) * per_edge, last[1]) * width,
         ];
         let mut at = [[0; LANES]; 4];
         for k in 0..4 {
@@ -350,15 +337,15 @@ impl Batch {
         }
         let mut layers = 0;
         for (i, layer) in self.layers.iter().enumerate().take(LANES) {
-            let of = |k: usize| {
+            let set = |k: usize| {
                 cells
                     .sets
                     .get(at[k][i] as usize)
                     .copied()
                     .unwrap_or(u64::MAX)
             };
-            let near = of(0) | of(1) | of(2) | of(3);
-            layers |= u32::from(near & layer.sets[usize::from(loose)] != 0) << i;
+            let occurring = set(0) | set(1) | set(2) | set(3);
+            layers |= u32::from(occurring & layer.sets[usize::from(with_neighbours)] != 0) << i;
         }
         BatchLayers {
             layers,
@@ -367,9 +354,10 @@ impl Batch {
     }
 }
 
-/// The squares of positions, from that before the first, which is 0, to that after the last.
+/// Returns the square indices of positions: 0 is the border before the first square, `last + 1` the
+/// one after the last.
 #[inline(always)]
-fn number<S: Simd>(position: f32x16<S>, last: f32) -> i32x16<S> {
+fn square_index<S: Simd>(position: f32x16<S>, last: f32) -> i32x16<S> {
     (position.max(-1.0).min(last) + 1.0).to_int::<i32x16<S>>()
 }
 
@@ -414,11 +402,11 @@ mod tests {
             let slopes = [[left, right], [-bottom, -top]];
             let bundle = Bundle {
                 slopes,
-                places: [[0.0; 2]; 2],
+                positions: [[0.0; 2]; 2],
                 cameras,
             };
             let level = headbox_core::simd::level();
-            dispatch!(level, simd => batch.near(simd, &cells, &bundle, false))
+            dispatch!(level, simd => batch.visible(simd, &cells, &bundle, false))
         };
         for size in [0.1, 1.2, 7.0, 30.0] {
             for x in -3..70 {

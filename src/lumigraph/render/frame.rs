@@ -1,14 +1,14 @@
-//! Frames, in bands on threads (L9, L11; C21).
+//! Frame rendering, in bands on threads (L9, L11; C21).
 //!
-//! The paper draws layers from back to front, each over what is there. As a layer hides its pixel
-//! wholly where one of the four cameras of the ray's cell shows it, looking from front to back and
-//! stopping there gives the same, and most pixels then ask one or two layers. Where cameras do not
-//! agree whether there is a surface, [`Blend::Shared`](crate::Blend::Shared) goes on behind it.
+//! The paper draws layers from back to front. Since a layer is opaque in a pixel if one of the four
+//! cameras of the ray's cell sees it there, front to back with an early exit gives the same image,
+//! and most pixels then test one or two layers. Where cameras disagree about a surface,
+//! [`Blend::Shared`](crate::Blend::Shared) continues behind it.
 
 use super::cells::Batch;
 use super::kernel::{FrameBlock, HIDDEN, Pass};
 use super::merge::Merger;
-use super::plan::{LumigraphPlan, WIDER};
+use super::plan::{LumigraphPlan, SEARCH_RADIUS};
 use super::taps::LANES;
 use crate::Lumigraph;
 use crate::render::kernel;
@@ -23,11 +23,12 @@ use std::ops::Range;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
-/// A block of the frame: what layers it shows is found out for all of it at once.
+/// Width of a block of the frame, pixels: visible layers are determined per block.
 const BLOCK_COLUMNS: usize = 2 * LANES;
+/// Height of a block, pixels.
 const BLOCK_ROWS: usize = 16;
 
-/// Draws frames; owns its buffers.
+/// Renderer of lumigraphs; reuses its buffers from frame to frame.
 pub struct LumigraphRenderer {
     frame: Frame,
     stats: LumigraphStats,
@@ -42,12 +43,12 @@ impl Default for LumigraphRenderer {
 }
 
 impl LumigraphRenderer {
-    /// A renderer that has drawn nothing yet.
+    /// Creates a renderer for the best SIMD level of the CPU.
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// A renderer that uses one SIMD level of this machine. All give the same frame.
+    /// Creates a renderer for a given SIMD level. All levels give the same frame.
     pub fn with_level(level: SimdLevel) -> Self {
         Self {
             frame: Frame::default(),
@@ -57,7 +58,7 @@ impl LumigraphRenderer {
         }
     }
 
-    /// Draws what `camera` sees, on the current rayon thread pool.
+    /// Renders a frame for `camera`, on the current rayon thread pool.
     pub fn render(
         &mut self,
         lumigraph: &Lumigraph,
@@ -105,7 +106,7 @@ impl LumigraphRenderer {
                         inverse_depths: &mut [],
                     };
                     let mut open = background.composite_row(y as u32, pixels);
-                    // What something hides is no sky.
+                    // Hidden pixels do not show the environment.
                     for x in hidden {
                         open += u64::from(!coverages[x].is_hole());
                         let [r, g, b] = settings.hole_color_srgb;
@@ -130,8 +131,8 @@ impl LumigraphRenderer {
     }
 }
 
-/// Draws some rows of a frame: straight colours, with alpha 255 where anything is, [`HIDDEN`] where
-/// something hides it. Returns layers times pixels.
+/// Draws some rows of a frame: straight colours, with alpha 255 in covered pixels and [`HIDDEN`] in
+/// hidden ones. Returns the number of layers times pixels.
 fn draw_band(
     plan: &LumigraphPlan,
     lumigraph: &Lumigraph,
@@ -144,7 +145,7 @@ fn draw_band(
     for start in (0..width).step_by(BLOCK_COLUMNS) {
         let columns = start..(start + BLOCK_COLUMNS).min(width);
         let batches =
-            |beside: usize| plan.layers_of(&lumigraph.cells, &columns, rows, beside, level);
+            |radius: usize| plan.visible_layers(&lumigraph.cells, &columns, rows, radius, level);
         let mut draw = |batches: &[Batch], pass: Pass| {
             let block = FrameBlock {
                 lumigraph,
@@ -156,11 +157,14 @@ fn draw_band(
             };
             kernel::draw(&block, pass, colors, level)
         };
-        let own = batches(0);
-        let layers: usize = own.iter().map(|batch| batch.layers.len()).sum();
+        let cell_layers = batches(0);
+        let layers: usize = cell_layers.iter().map(|batch| batch.layers.len()).sum();
         layer_pixels += (layers * columns.len() * rows.len()) as u64;
-        if draw(&own, Pass::First) {
-            draw(&batches(WIDER as usize), Pass::Wider(&plan.steps));
+        if draw(&cell_layers, Pass::First) {
+            draw(
+                &batches(SEARCH_RADIUS as usize),
+                Pass::OtherCells(&plan.steps),
+            );
         }
     }
     layer_pixels

@@ -1,15 +1,15 @@
-//! The pixels of a block, in tiles of sixteen: which layer each ray meets, and the blend of its
-//! four cameras (L9, C21).
+//! Pixels of a block, in tiles of sixteen: finds the layer that each ray hits, and blends its four
+//! cameras (L9, C21).
 //!
-//! Of a ray the slopes say all: texels in every camera's image are linear in them, layer by layer
-//! ([`LayerInView`]), and so is the crossing of the camera plane, which decides the cell and the
-//! bilinear weights. The index of a layer is looked up in the nearest texel; colours are bilinear
-//! over those texels that show the layer, and normalised over the cameras that show it, in linear
-//! light. A tile asks only for layers that show near it ([`Cells`]), and what its rays meet is
-//! blended when one of them meets more ([`Pending`]).
+//! The slopes of a ray are sufficient: texel positions in every camera's image are linear in them,
+//! layer by layer ([`LayerInView`]), and so is the crossing of the camera plane, which determines
+//! the cell and the bilinear weights. The index of a layer is looked up in the nearest texel;
+//! colours are bilinear over the texels of that layer, and normalised over the cameras that see it,
+//! in linear light. A tile tests only layers near it ([`Cells`]), and hits are blended when one of
+//! its rays hits another layer ([`Pending`]).
 //!
-//! One code for every SIMD level, without fused multiply-adds and approximate reciprocals, so that
-//! all give the same bits.
+//! The same code for every SIMD level, without fused multiply-adds and approximate reciprocals, so
+//! that all give the same bits.
 
 use super::cells::Batch;
 use super::layer_in_view::LayerInView;
@@ -29,14 +29,14 @@ const LANE_COLUMNS: [f32; LANES] = [
     0., 1., 2., 3., 0., 1., 2., 3., 0., 1., 2., 3., 0., 1., 2., 3.,
 ];
 
-/// Smallest transparency of a pixel at which the search behind it goes on.
-const LEAST_OPEN: f32 = 1.0 / 256.0;
+/// Smallest remaining transparency of a pixel at which the search continues behind it.
+const MIN_TRANSPARENCY: f32 = 1.0 / 256.0;
 
-/// A part of a frame.
+/// Block of a frame.
 pub(super) struct FrameBlock<'a> {
     pub(super) lumigraph: &'a Lumigraph,
     pub(super) plan: &'a LumigraphPlan,
-    /// The layers that may show in it, near ones first.
+    /// Layers that may be visible in the block, from near to far.
     pub(super) batches: &'a [Batch],
     pub(super) columns: Range<usize>,
     pub(super) rows: Range<usize>,
@@ -44,21 +44,21 @@ pub(super) struct FrameBlock<'a> {
     pub(super) width: usize,
 }
 
-/// Alpha of pixels of which no camera of the ray's cell sees anything, though one looks there:
-/// something nearer hides it.
+/// Alpha of hidden pixels: no camera of the ray's cell sees what the ray hits, because of an
+/// occluder in a camera's image.
 pub(super) const HIDDEN: u8 = 1;
 
 /// Pixels to draw, and the cameras to draw them from.
 #[derive(Clone, Copy)]
 pub(super) enum Pass<'a> {
-    /// All, from the cameras of the ray's cell.
+    /// All pixels, from the cameras of the ray's cell.
     First,
-    /// Those that are [`HIDDEN`], in steps.
-    Wider(&'a [Step]),
+    /// Pixels that are [`HIDDEN`], from the cameras of each step.
+    OtherCells(&'a [Step]),
 }
 
-/// Draws a block on rows of the frame, of which the first is the block's: straight colours, with
-/// alpha 255 where anything is, else 0 or [`HIDDEN`]. Returns whether any pixel is hidden.
+/// Draws a block into the rows of the frame that contain it: straight colours, with alpha 255 in
+/// covered pixels, else 0 or [`HIDDEN`]. Returns true if any pixel is hidden.
 pub(super) fn draw(
     block: &FrameBlock,
     pass: Pass,
@@ -72,25 +72,25 @@ pub(super) fn draw(
 fn draw_block<S: Simd>(simd: S, block: &FrameBlock, pass: Pass, colors: &mut [[u8; 4]]) -> bool {
     let mut any_hidden = false;
     for y in block.rows.clone().step_by(TILE) {
-        let starts = starts(block, y);
+        let starts = row_starts(block, y);
         for x in block.columns.clone().step_by(TILE) {
             let first = (y - block.rows.start) * block.width + x;
-            let inside = [
-                TILE.min(block.columns.end - x),
-                TILE.min(block.rows.end - y),
-            ];
             let tile = PixelTile {
                 first,
                 width: block.width,
-                inside,
+                inside: [
+                    TILE.min(block.columns.end - x),
+                    TILE.min(block.rows.end - y),
+                ],
             };
             let wanted = match pass {
                 Pass::First => tile.pixels(),
-                Pass::Wider(_) => tile.hidden(colors),
+                Pass::OtherCells(_) => tile.hidden(colors),
             };
             if wanted != 0 {
-                let (pixels, is_any_hidden) = sixteen(simd, block, pass, wanted, &starts, x as f32);
-                tile.put(wanted, &pixels, colors);
+                let (pixels, is_any_hidden) =
+                    draw_tile(simd, block, pass, wanted, &starts, x as f32);
+                tile.store(wanted, &pixels, colors);
                 any_hidden |= is_any_hidden;
             }
         }
@@ -98,8 +98,8 @@ fn draw_block<S: Simd>(simd: S, block: &FrameBlock, pass: Pass, colors: &mut [[u
     any_hidden
 }
 
-/// Directions of the left border of four rows, as lanes have them.
-fn starts(block: &FrameBlock, y: usize) -> [[f32; LANES]; 3] {
+/// Returns the ray directions at the left border of four rows, per lane.
+fn row_starts(block: &FrameBlock, y: usize) -> [[f32; LANES]; 3] {
     let view = &block.plan.view;
     let mut starts = [[0.0; LANES]; 3];
     for lane in 0..LANES {
@@ -110,18 +110,18 @@ fn starts(block: &FrameBlock, y: usize) -> [[f32; LANES]; 3] {
     starts
 }
 
-/// Sixteen pixels, a lane each, row by row.
+/// Tile of sixteen pixels, a lane each, row by row.
 struct PixelTile {
-    /// The first of them in the block's rows.
+    /// Index of the first pixel in the block's rows.
     first: usize,
     /// Width of the frame.
     width: usize,
-    /// Columns and rows of it that are the block's.
+    /// Number of columns and rows inside the block.
     inside: [usize; 2],
 }
 
 impl PixelTile {
-    /// Those that are the block's, a bit each.
+    /// Returns the bit mask of the pixels inside the block.
     #[inline(always)]
     fn pixels(&self) -> u64 {
         let row = (1u64 << self.inside[0]) - 1;
@@ -130,11 +130,11 @@ impl PixelTile {
     }
 
     #[inline(always)]
-    fn place(&self, lane: usize) -> usize {
+    fn index(&self, lane: usize) -> usize {
         self.first + lane / TILE * self.width + lane % TILE
     }
 
-    /// Those that are hidden.
+    /// Returns the bit mask of the hidden pixels.
     #[inline(always)]
     fn hidden(&self, colors: &[[u8; 4]]) -> u64 {
         let (mut bits, mut left) = (0, self.pixels());
@@ -142,7 +142,7 @@ impl PixelTile {
             let lane = left.trailing_zeros() as usize;
             left &= left - 1;
             let is_hidden = colors
-                .get(self.place(lane))
+                .get(self.index(lane))
                 .is_some_and(|color| color[3] == HIDDEN);
             bits |= u64::from(is_hidden) << lane;
         }
@@ -150,7 +150,7 @@ impl PixelTile {
     }
 
     #[inline(always)]
-    fn put(&self, wanted: u64, pixels: &[[u8; 4]; LANES], colors: &mut [[u8; 4]]) {
+    fn store(&self, wanted: u64, pixels: &[[u8; 4]; LANES], colors: &mut [[u8; 4]]) {
         if wanted == 0xffff {
             for (row, pixels) in pixels.chunks_exact(TILE).enumerate() {
                 let first = self.first + row * self.width;
@@ -164,7 +164,7 @@ impl PixelTile {
         while left != 0 {
             let lane = left.trailing_zeros() as usize;
             left &= left - 1;
-            if let Some(color) = colors.get_mut(self.place(lane)) {
+            if let Some(color) = colors.get_mut(self.index(lane)) {
                 *color = pixels[lane];
             }
         }
@@ -174,15 +174,15 @@ impl PixelTile {
 /// Results of sixteen pixels.
 struct TileResults<S: Simd> {
     color: [f32x16<S>; 3],
-    /// Share of the pixel that is not taken yet.
+    /// Remaining transparency.
     open: f32x16<S>,
     pending: Pending<S>,
 }
 
-/// Those of a tile's pixels that are `wanted`, and whether any is hidden; the tile's left border is
-/// at column `x`.
+/// Draws the `wanted` pixels of a tile whose left border is at column `x`; also returns true if any
+/// pixel is hidden.
 #[inline(always)]
-fn sixteen<S: Simd>(
+fn draw_tile<S: Simd>(
     simd: S,
     block: &FrameBlock,
     pass: Pass,
@@ -196,14 +196,14 @@ fn sixteen<S: Simd>(
     let ahead = forward.simd_gt(LEAST_FORWARD as f32) & mask32x16::from_bitmask(simd, wanted);
     let (zero, one) = (f32x16::splat(simd, 0.0), f32x16::splat(simd, 1.0));
     let open = ahead.select(one, zero);
-    let mut found = TileResults {
+    let mut results = TileResults {
         color: [zero; 3],
         open,
         pending: Pending::new(simd, block.lumigraph.pyramid.levels[0]),
     };
-    let mut behind_something = mask32x16::from_bitmask(simd, 0);
+    let mut occluded = mask32x16::from_bitmask(simd, 0);
     if ahead.any_true() {
-        // Of all sixteen, so that those of the corners are about the others'.
+        // Slopes of all sixteen pixels, so that those of the corners bound the others.
         let per_forward = one / forward.max(LEAST_FORWARD as f32);
         let slopes = [
             (number * step[0] + f32x16::load_array_ref(simd, &starts[0])) * per_forward,
@@ -218,33 +218,33 @@ fn sixteen<S: Simd>(
                     slopes,
                     Step::FIRST.shift,
                 );
-                draw_layers(simd, block, false, &rays, &mut found);
-                let nothing = found.open.simd_ge(1.0);
+                draw_layers(simd, block, false, &rays, &mut results);
+                let nothing = results.open.simd_ge(1.0);
                 if nothing.any_true() {
-                    behind_something = hides(simd, block, &rays, nothing);
+                    occluded = find_occluded(simd, block, &rays, nothing);
                 }
             }
-            Pass::Wider(steps) => {
-                look_beside(simd, block, steps, slopes, &mut found);
-                behind_something = ahead;
+            Pass::OtherCells(steps) => {
+                search_other_cells(simd, block, steps, slopes, &mut results);
+                occluded = ahead;
             }
         }
     }
-    resolve(simd, &found, ahead, behind_something)
+    resolve(simd, &results, ahead, occluded)
 }
 
-/// Looks for what rays meet in steps, until nothing is left open.
+/// Draws layers as seen from the cells of each step, until all pixels are opaque.
 #[inline(always)]
-fn look_beside<S: Simd>(
+fn search_other_cells<S: Simd>(
     simd: S,
     block: &FrameBlock,
     steps: &[Step],
     slopes: [f32x16<S>; 2],
-    found: &mut TileResults<S>,
+    results: &mut TileResults<S>,
 ) {
     for step in steps {
-        // The same cell again shows the same.
-        if leads_away(block, slopes, step.shift) {
+        // The outermost cell again would give the same result.
+        if leaves_grid(block, slopes, step.shift) {
             continue;
         }
         let rays = Rays::new(
@@ -254,16 +254,22 @@ fn look_beside<S: Simd>(
             slopes,
             step.shift,
         );
-        draw_layers(simd, block, step.loose, &rays, found);
-        if !found.open.simd_ge(LEAST_OPEN).any_true() {
+        draw_layers(simd, block, step.with_neighbours, &rays, results);
+        if !results.open.simd_ge(MIN_TRANSPARENCY).any_true() {
             break;
         }
     }
 }
 
-/// Lanes for which a camera of the cell that looks at infinity sees an occluder.
+/// Returns the lanes of `rays_without_hit` for which a camera of the cell sees an occluder in place
+/// of infinity.
 #[inline(always)]
-fn hides<S: Simd>(simd: S, block: &FrameBlock, rays: &Rays<S>, of: mask32x16<S>) -> mask32x16<S> {
+fn find_occluded<S: Simd>(
+    simd: S,
+    block: &FrameBlock,
+    rays: &Rays<S>,
+    rays_without_hit: mask32x16<S>,
+) -> mask32x16<S> {
     let none = mask32x16::from_bitmask(simd, 0);
     let Some(infinity) = block
         .plan
@@ -273,36 +279,37 @@ fn hides<S: Simd>(simd: S, block: &FrameBlock, rays: &Rays<S>, of: mask32x16<S>)
     else {
         return none;
     };
-    let places = rays.places(infinity);
+    let positions = rays.texel_positions(infinity);
     let pyramid = &block.lumigraph.pyramid;
     let level = pyramid.levels[infinity.level];
-    let mut hides = none;
+    let mut occluded = none;
     for k in 0..4 {
-        let at = places.of(k);
-        let inside = of & inside(level, at);
+        let at = positions.in_camera(k);
+        let inside = rays_without_hit & inside(level, at);
         if inside.any_true() {
-            hides |=
+            occluded |=
                 inside & nearest(simd, &pyramid.texels, level, rays.base[k], at, inside).simd_gt(0);
         }
     }
-    hides
+    occluded
 }
 
-/// Returns true if a shift leads out of the grid for all rays: nearer cells were tested before.
+/// Returns true if a shift leads out of the grid for all rays: the cells inside have been tested
+/// before.
 #[inline(always)]
-fn leads_away<S: Simd>(block: &FrameBlock, slopes: [f32x16<S>; 2], shift: [i32; 2]) -> bool {
-    let (view, places) = (&block.plan.view, [&block.plan.columns, &block.plan.rows]);
+fn leaves_grid<S: Simd>(block: &FrameBlock, slopes: [f32x16<S>; 2], shift: [i32; 2]) -> bool {
+    let (view, positions) = (&block.plan.view, [&block.plan.columns, &block.plan.rows]);
     let eye = view.eye.as_vec3().to_array();
     for axis in 0..2 {
         if shift[axis] != 0 {
             let crossings = (slopes[axis] * -eye[2] + eye[axis]).to_array();
-            let last = places[axis].len() as i32 - 2;
+            let last = positions[axis].len() as i32 - 2;
             let (mut low, mut high) = (f32::INFINITY, f32::NEG_INFINITY);
             for crossing in crossings {
                 (low, high) = (low.min(crossing), high.max(crossing));
             }
-            let led = |crossing: f32| cell(places[axis], crossing) as i32 + shift[axis];
-            if led(high) < 0 || led(low) > last {
+            let shifted = |crossing: f32| cell(positions[axis], crossing) as i32 + shift[axis];
+            if shifted(high) < 0 || shifted(low) > last {
                 return true;
             }
         }
@@ -310,68 +317,75 @@ fn leads_away<S: Simd>(block: &FrameBlock, slopes: [f32x16<S>; 2], shift: [i32; 
     false
 }
 
-/// Adds what the rays meet in the block's layers, from near to far, until nothing is left to see
-/// behind.
+/// Draws the block's layers from near to far, until all pixels are opaque.
 #[inline(always)]
 fn draw_layers<S: Simd>(
     simd: S,
     block: &FrameBlock,
-    loose: bool,
+    with_neighbours: bool,
     rays: &Rays<S>,
-    found: &mut TileResults<S>,
+    results: &mut TileResults<S>,
 ) {
     'layers: for batch in block.batches {
-        let near = match &rays.bundle {
+        let visible = match &rays.bundle {
             Some(bundle) if block.plan.skip => {
-                batch.near(simd, &block.lumigraph.cells, bundle, loose)
+                batch.visible(simd, &block.lumigraph.cells, bundle, with_neighbours)
             }
             _ => batch.all(),
         };
-        let mut left = near.layers;
+        let mut left = visible.layers;
         while left != 0 {
             let i = left.trailing_zeros() as usize;
             left &= left - 1;
             let mut ranges = [[0, u16::MAX]; 4];
-            if let Some(squares) = &near.squares {
+            if let Some(squares) = &visible.squares {
                 for k in 0..4 {
                     ranges[k] = block.lumigraph.cells.range(squares[k][i]);
                 }
             }
-            if !draw_layer(simd, block, &batch.layers[i], ranges, loose, rays, found) {
+            if !draw_layer(
+                simd,
+                block,
+                &batch.layers[i],
+                ranges,
+                with_neighbours,
+                rays,
+                results,
+            ) {
                 break 'layers;
             }
         }
     }
-    found.pending.blend(
+    results.pending.blend(
         simd,
         &block.lumigraph.pyramid,
         block.plan.paint.as_ref(),
         rays,
-        &mut found.color,
+        &mut results.color,
     );
 }
 
-/// Finds what the rays meet in a layer, where the four cameras show indices of some ranges; false
-/// if nothing is left to see behind it.
+/// Tests the rays against a layer, where the indices in the four cameras' images lie in `ranges`.
+/// Returns false if all pixels are opaque.
 #[inline(always)]
 fn draw_layer<S: Simd>(
     simd: S,
     block: &FrameBlock,
     layer: &LayerInView,
     ranges: [[u16; 2]; 4],
-    loose: bool,
+    with_neighbours: bool,
     rays: &Rays<S>,
-    found: &mut TileResults<S>,
+    results: &mut TileResults<S>,
 ) -> bool {
-    let indices = if loose {
+    let indices = if with_neighbours {
         layer.with_neighbours
     } else {
         layer.indices
     };
     let pyramid = &block.lumigraph.pyramid;
     let level = pyramid.levels[layer.level];
-    let places = rays.places(layer);
-    let open = found.open.simd_ge(LEAST_OPEN);
+    let positions = rays.texel_positions(layer);
+    let open = results.open.simd_ge(MIN_TRANSPARENCY);
     let zero = f32x16::splat(simd, 0.0);
     let (mut weight, mut showing, mut passing) = ([zero; 4], zero, zero);
     let (first, last) = (i32::from(indices[0]), i32::from(indices[1]));
@@ -389,7 +403,7 @@ fn draw_layer<S: Simd>(
             showing += weight[k];
             continue;
         }
-        let at = places.of(k);
+        let at = positions.in_camera(k);
         let inside = open & inside(level, at);
         if inside.any_true() {
             let index = nearest(simd, &pyramid.texels, level, rays.base[k], at, inside);
@@ -403,48 +417,49 @@ fn draw_layer<S: Simd>(
     if !shown.any_true() {
         return true;
     }
-    if !found.pending.has_room(shown, level) {
-        found.pending.blend(
+    if !results.pending.has_room(shown, level) {
+        results.pending.blend(
             simd,
             pyramid,
             block.plan.paint.as_ref(),
             rays,
-            &mut found.color,
+            &mut results.color,
         );
     }
     let one = f32x16::splat(simd, 1.0);
-    let share = match block.plan.blend {
+    let opacity = match block.plan.blend {
         Blend::Whole => one,
         Blend::Shared => showing / shown.select(showing + passing, one),
     };
-    let taken = shown.select(found.open * share, zero);
-    found
+    let coverage = shown.select(results.open * opacity, zero);
+    results
         .pending
-        .put(shown, level, indices, &places, weight, taken);
-    found.open -= taken;
-    found.open.simd_ge(LEAST_OPEN).any_true()
+        .add(shown, level, indices, &positions, weight, coverage);
+    results.open -= coverage;
+    results.open.simd_ge(MIN_TRANSPARENCY).any_true()
 }
 
-/// Straight sRGB colours, with alpha 255 where anything was found, else 0 or, behind something,
-/// [`HIDDEN`]; and whether any is hidden.
+/// Converts results to straight sRGB colours, with alpha 255 in covered pixels, [`HIDDEN`] in
+/// others of `hidden`, else 0; also returns true if any pixel is hidden.
 #[inline(always)]
 fn resolve<S: Simd>(
     simd: S,
-    found: &TileResults<S>,
+    results: &TileResults<S>,
     ahead: mask32x16<S>,
-    behind: mask32x16<S>,
+    hidden: mask32x16<S>,
 ) -> ([[u8; 4]; LANES], bool) {
     let one = f32x16::splat(simd, 1.0);
-    let share = one - found.open;
-    let any = ahead & share.simd_gt(0.0);
-    let scale = f32x16::splat(simd, f32::from(LinearLight::MAX) / 65535.0) / any.select(share, one);
+    let opacity = one - results.open;
+    let any = ahead & opacity.simd_gt(0.0);
+    let scale =
+        f32x16::splat(simd, f32::from(LinearLight::MAX) / 65535.0) / any.select(opacity, one);
     let mut linear = [[0; LANES]; 3];
     for c in 0..3 {
-        let rounded = (found.color[c] * scale + 0.5).min(f32::from(LinearLight::MAX));
+        let rounded = (results.color[c] * scale + 0.5).min(f32::from(LinearLight::MAX));
         linear[c] = rounded.to_int::<i32x16<S>>().to_array();
     }
     let mut pixels = [[0; 4]; LANES];
-    let (any, hidden) = (any.to_bitmask(), (behind & !any).to_bitmask());
+    let (any, hidden) = (any.to_bitmask(), (hidden & !any).to_bitmask());
     let mut bits = hidden;
     while bits != 0 {
         pixels[bits.trailing_zeros() as usize][3] = HIDDEN;
@@ -453,8 +468,8 @@ fn resolve<S: Simd>(
     let tables = LinearLight::tables();
     for (i, pixel) in pixels.iter_mut().enumerate() {
         if any >> i & 1 == 1 {
-            let of = |c: usize| tables.srgb(linear[c][i] as u32);
-            *pixel = [of(0), of(1), of(2), 255];
+            let srgb = |c: usize| tables.srgb(linear[c][i] as u32);
+            *pixel = [srgb(0), srgb(1), srgb(2), 255];
         }
     }
     (pixels, hidden != 0)

@@ -1,24 +1,24 @@
-//! A merged layer of a frame, and where it lies in it.
+//! Merged layers of a frame, and their mapping to texels.
 
 use crate::Lumigraph;
 use crate::grid::PlaneView;
 
-/// Layers that a frame shows as one.
+/// Consecutive layers that a frame draws as one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct MergedLayer {
-    /// From the farthest to the nearest.
+    /// Index of the farthest and of the nearest layer.
     pub(crate) indices: [u16; 2],
-    /// The same with the layers next to it in front and behind, as far as they are not much farther
-    /// apart than cameras may disagree.
+    /// The same, extended by the adjacent merged layers in front and behind, if their distance is
+    /// not much above the allowed disagreement of cameras.
     pub(crate) with_neighbours: [u16; 2],
-    /// The disparity at which they are drawn.
+    /// Disparity at which they are drawn, 1/m.
     pub(crate) drawn: f64,
     /// Level of the pyramid.
     pub(crate) level: usize,
 }
 
-/// A merged layer in a frame: the texel of a ray with slopes (a, b) in the image of a camera at (s,
-/// t) is `(scale * a + add.x - shift * s, -scale * b + add.y + shift * t)`.
+/// Mapping of a merged layer in a frame: the texel of a ray with slopes (a, b) in the image of a
+/// camera at (s, t) is `(scale * a + add.x - shift * s, -scale * b + add.y + shift * t)`.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct LayerInView {
     pub(super) scale: f32,
@@ -29,7 +29,7 @@ pub(super) struct LayerInView {
     pub(super) with_neighbours: [u16; 2],
     /// Level of the pyramid.
     pub(super) level: usize,
-    /// Its buckets, and those with its neighbours'.
+    /// Set of its buckets, and the set including its neighbours'.
     pub(super) sets: [u64; 2],
 }
 

@@ -1,32 +1,31 @@
-//! Merging layers for one frame: as few as its eye needs (L8, C20).
+//! Merging of layers for a frame: as few as its eye position needs (L8, C20).
 //!
-//! The paper's loop over the layers from back to front, mended: the nearest layer takes part, and
-//! every merged layer is handed out. A wider layer never errs less ([`ErrorBound::error`]), so that
-//! taking as many as the bound allows is best, and the last frame's layers tell where to look
-//! first.
+//! The paper's loop over the layers from back to front, corrected: it includes the nearest layer
+//! and returns every merged layer. A wider layer never has a smaller error ([`ErrorBound::error`]),
+//! so that merging greedily is optimal; the merged layers of the last frame are the initial guess.
 
 use crate::bounds::ErrorBound;
 use crate::make::layers::DisparityLayer;
 use std::ops::Range;
 
-/// Merged layers, far ones first: each a range of the layers given, together all of them. A layer
-/// that alone exceeds the bound stays alone.
+/// Merges layers, from far to near: returns consecutive ranges that cover all layers. A layer that
+/// exceeds the bound by itself is not merged.
 pub fn merge(layers: &[DisparityLayer], bound: &ErrorBound) -> Vec<Range<usize>> {
     let mut merger = Merger::default();
     merger.update(layers, bound);
     merger.merged
 }
 
-/// Merges frame after frame.
+/// Merging of layers frame after frame.
 #[derive(Clone, Debug, Default)]
 pub struct Merger {
     merged: Vec<Range<usize>>,
-    before: Vec<usize>,
+    last_ends: Vec<usize>,
     tests: u64,
 }
 
 impl Merger {
-    /// The merged layers of the last frame.
+    /// Merged layers of the last frame.
     pub fn merged(&self) -> &[Range<usize>] {
         &self.merged
     }
@@ -36,31 +35,31 @@ impl Merger {
         self.tests
     }
 
-    /// The same as [`merge`], found from the last frame's layers (the paper's limitation 6): where
-    /// they still end, two tests a merged layer say so.
+    /// Merges as [`merge`], starting from the last frame's result (the paper's limitation 6): an
+    /// unchanged end costs two tests per merged layer.
     pub fn update(&mut self, layers: &[DisparityLayer], bound: &ErrorBound) {
         let count = layers.len();
         let allows = |range: Range<usize>| {
             bound.allows(layers[range.start].through(&layers[range.end - 1]).range())
         };
-        self.before.clear();
-        self.before
+        self.last_ends.clear();
+        self.last_ends
             .extend(self.merged.iter().map(|range| range.end));
         self.merged.clear();
         self.tests = 0;
         let mut first = 0;
         while first < count {
-            let hint = self.before.partition_point(|&end| end <= first);
-            let hint = self.before.get(hint).copied().unwrap_or(first + 1);
-            let end = self.end_of(count, allows, first, hint.min(count));
+            let hint = self.last_ends.partition_point(|&end| end <= first);
+            let hint = self.last_ends.get(hint).copied().unwrap_or(first + 1);
+            let end = self.find_end(count, allows, first, hint.min(count));
             self.merged.push(first..end);
             first = end;
         }
     }
 
-    /// Finds the end of the merged layer that begins with `first`: by steps that double away from
-    /// `hint`, then by bisection.
-    fn end_of(
+    /// Finds the end of the merged layer that begins with `first`: by doubling steps from `hint`,
+    /// then by bisection.
+    fn find_end(
         &mut self,
         count: usize,
         allows: impl Fn(Range<usize>) -> bool,
@@ -220,7 +219,7 @@ mod tests {
         assert_eq!(
             merge(&layers, &bound(1e9, -0.5)),
             vec![0usize..5; 1],
-            "in front of the plane, before all layers"
+            "in front of the plane, last_ends all layers"
         );
         // Layers that the eye has passed, or is in, stay as they are.
         assert_eq!(merge(&layers, &bound(1e9, -2.0)), [0..2, 2..3, 3..4, 4..5]);

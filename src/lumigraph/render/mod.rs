@@ -1,7 +1,7 @@
-//! A frame of a lumigraph, in the order of work: `plan` (layers and cameras that the frame needs),
-//! `merge` and `cells` (which layers show where), `rays`, `taps` and `pending` (sixteen rays at a
-//! time), `kernel` (their blend), `frame` (threads and the whole frame). `pyramid` has the levels
-//! of detail.
+//! Rendering of a lumigraph, in the order of work: `plan` (layers and cameras that the frame
+//! needs), `merge` and `cells` (visibility of layers), `rays`, `taps` and `pending` (sixteen rays
+//! at a time), `kernel` (blending), `frame` (threads and the whole frame). `pyramid` contains the
+//! levels of detail.
 
 pub(crate) mod cells;
 pub(crate) mod frame;
@@ -9,7 +9,7 @@ mod kernel;
 pub(crate) mod layer_in_view;
 pub(crate) mod merge;
 mod pending;
-pub mod plan;
+pub(crate) mod plan;
 pub(crate) mod pyramid;
 pub(crate) mod rays;
 pub(crate) mod show;

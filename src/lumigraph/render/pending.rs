@@ -1,4 +1,4 @@
-//! Pending hits: pixels of a tile that meet different layers are blended together (L9, C21).
+//! Pending hits: pixels of a tile that hit different layers are blended together (L9, C21).
 
 use super::plan::Paint;
 use super::pyramid::{Level, Pyramid};
@@ -7,87 +7,84 @@ use super::show::Show;
 use super::taps::{LANES, add_taps, nearest};
 use fearless_simd::{Simd, f32x16, i32x16, mask32x16, prelude::*, u32x16};
 
-/// At most one layer of each of sixteen rays, all of one level of detail, and where their cameras
-/// show it.
+/// At most one hit for each of sixteen rays, all at one level of detail, with its positions in the
+/// cameras' images.
 pub(super) struct Pending<S: Simd> {
-    /// Rays that wait.
-    waits: mask32x16<S>,
+    /// Rays with a pending hit.
+    occupied: mask32x16<S>,
     level: Level,
-    /// From the farthest to the nearest that count as the layer.
+    /// Farthest and nearest index that belong to the layer.
     indices: [i32x16<S>; 2],
     u: [f32x16<S>; 2],
     v: [f32x16<S>; 2],
-    /// Weights of the cameras that show the layer; 0 for others, and for all lanes without a
-    /// pending hit.
+    /// Weights of the cameras that see the layer; 0 for others, and in lanes without a pending hit.
     weight: [f32x16<S>; 4],
-    /// Share of the pixel that the layer takes.
-    taken: f32x16<S>,
+    /// Share of the pixel that the layer covers.
+    coverage: f32x16<S>,
 }
 
 impl<S: Simd> Pending<S> {
     #[inline(always)]
     pub(super) fn new(simd: S, level: Level) -> Self {
-        let (zero, none) = (f32x16::splat(simd, 0.0), i32x16::splat(simd, 0));
-        let waits = mask32x16::from_bitmask(simd, 0);
+        let zero = f32x16::splat(simd, 0.0);
         Self {
-            waits,
+            occupied: mask32x16::from_bitmask(simd, 0),
             level,
-            indices: [none; 2],
+            indices: [i32x16::splat(simd, 0); 2],
             u: [zero; 2],
             v: [zero; 2],
             weight: [zero; 4],
-            taken: zero,
+            coverage: zero,
         }
     }
 
-    /// Returns true if `rays` can be queued: no lane is occupied and the level matches.
+    /// Returns true if `rays` can be added: no lane is occupied and the level matches.
     #[inline(always)]
     pub(super) fn has_room(&self, rays: mask32x16<S>, level: Level) -> bool {
-        !(self.waits & rays).any_true() && (self.level == level || !self.waits.any_true())
+        !(self.occupied & rays).any_true() && (self.level == level || !self.occupied.any_true())
     }
 
-    /// Lets rays wait, if there is room for them, with the weights of the cameras that show the
-    /// layer.
+    /// Adds hits, for which there must be room, with the weights of the cameras that see the layer.
     #[inline(always)]
-    pub(super) fn put(
+    pub(super) fn add(
         &mut self,
         rays: mask32x16<S>,
         level: Level,
         indices: [u16; 2],
-        places: &TexelPositions<S>,
+        positions: &TexelPositions<S>,
         weight: [f32x16<S>; 4],
-        taken: f32x16<S>,
+        coverage: f32x16<S>,
     ) {
-        let simd = taken.token();
+        let simd = coverage.token();
         let indices = [
             i32x16::splat(simd, i32::from(indices[0])),
             i32x16::splat(simd, i32::from(indices[1])),
         ];
-        if !self.waits.any_true() {
+        if !self.occupied.any_true() {
             *self = Self {
-                waits: rays,
+                occupied: rays,
                 level,
                 indices,
-                u: places.u,
-                v: places.v,
+                u: positions.u,
+                v: positions.v,
                 weight,
-                taken,
+                coverage,
             };
             return;
         }
         for side in 0..2 {
-            self.u[side] = rays.select(places.u[side], self.u[side]);
-            self.v[side] = rays.select(places.v[side], self.v[side]);
+            self.u[side] = rays.select(positions.u[side], self.u[side]);
+            self.v[side] = rays.select(positions.v[side], self.v[side]);
             self.indices[side] = rays.select(indices[side], self.indices[side]);
         }
         for k in 0..4 {
             self.weight[k] = rays.select(weight[k], self.weight[k]);
         }
-        self.taken = rays.select(taken, self.taken);
-        self.waits |= rays;
+        self.coverage = rays.select(coverage, self.coverage);
+        self.occupied |= rays;
     }
 
-    /// Adds what waits to colours; then nothing waits.
+    /// Blends the pending hits into `color` and clears them.
     #[inline(always)]
     pub(super) fn blend(
         &mut self,
@@ -97,7 +94,7 @@ impl<S: Simd> Pending<S> {
         rays: &Rays<S>,
         color: &mut [f32x16<S>; 3],
     ) {
-        if !self.waits.any_true() {
+        if !self.occupied.any_true() {
             return;
         }
         let (zero, one) = (f32x16::splat(simd, 0.0), f32x16::splat(simd, 1.0));
@@ -109,22 +106,22 @@ impl<S: Simd> Pending<S> {
             }
             let at = [self.u[k % 2], self.v[k / 2]];
             match paint {
-                None => {
-                    let (base, weight) = (rays.base[k], self.weight[k]);
-                    add_taps(
-                        simd,
-                        &pyramid.texels,
-                        self.level,
-                        base,
-                        at,
-                        &self.indices,
-                        weight,
-                        &mut sum,
-                    );
-                }
+                None => add_taps(
+                    simd,
+                    &pyramid.texels,
+                    self.level,
+                    rays.base[k],
+                    at,
+                    &self.indices,
+                    self.weight[k],
+                    &mut sum,
+                ),
                 Some(paint) => {
                     let numbers = match paint.show {
-                        Show::Cameras => camera_numbers(rays.base[k].to_array(), pyramid.stride),
+                        Show::Cameras => {
+                            let stride = pyramid.stride.max(1) as u32;
+                            rays.base[k].to_array().map(|base| base / stride)
+                        }
                         Show::Merged => self.indices[1].bitcast::<u32x16<S>>().to_array(),
                         _ => {
                             let index =
@@ -136,22 +133,17 @@ impl<S: Simd> Pending<S> {
                 }
             }
         }
-        let scale = self.taken / sum[3].simd_gt(0.0).select(sum[3], one);
+        let scale = self.coverage / sum[3].simd_gt(0.0).select(sum[3], one);
         for c in 0..3 {
             color[c] += sum[c] * scale;
         }
         self.weight = [zero; 4];
-        self.taken = zero;
-        self.waits = mask32x16::from_bitmask(simd, 0);
+        self.coverage = zero;
+        self.occupied = mask32x16::from_bitmask(simd, 0);
     }
 }
 
-/// Camera numbers of the texel offsets.
-fn camera_numbers(base: [u32; LANES], stride: usize) -> [u32; LANES] {
-    base.map(|base| base / stride.max(1) as u32)
-}
-
-/// Adds colours by number times weight, and weight.
+/// Adds the colours of `numbers` times weight, and the weight.
 #[inline(always)]
 fn add_paint<S: Simd>(
     simd: S,

@@ -4,7 +4,7 @@
 use super::cells::{Batch, Bundle, Cells};
 use super::layer_in_view::{LayerInView, MergedLayer};
 use super::merge::Merger;
-use super::show::{Show, from_far_to_near, own_color};
+use super::show::{Show, depth_color, palette_color};
 use super::taps::LANES;
 use crate::Lumigraph;
 use crate::bounds::ErrorBound;
@@ -15,21 +15,22 @@ use glam::DVec2;
 use headbox_core::camera::Camera;
 use std::ops::Range;
 
-/// Merged layers of one surface are about as far apart as cameras may disagree.
-const NEIGHBOURS: f64 = 1.5;
+/// Largest distance of neighbouring merged layers, in units of the allowed disagreement of cameras:
+/// those of one surface are about 1 apart.
+const NEIGHBOUR_DISTANCE: f64 = 1.5;
 
-/// Merging with less would tell rounding apart.
-const LEAST_TOLERANCE_PX: f64 = 1e-6;
+/// Smallest tolerance of merging, pixels: below it, rounding would decide.
+const MIN_TOLERANCE_PX: f64 = 1e-6;
 
-/// Layers nearer to the eye's own depth than this share of it cannot be drawn: they would fill the
-/// frame.
-const LEAST_AHEAD: f64 = 1e-6;
+/// Smallest distance between a layer and the eye, as a share of the layer's depth: nearer layers
+/// would fill the frame and are not drawn.
+const MIN_AHEAD: f64 = 1e-6;
 
-/// A coarser level serves from this share of an octave later on: between two levels the coarser
-/// one, which is smoothed twice, errs more (docs/decisions/0040).
-const SHARPER: f64 = 0.25;
+/// Bias towards finer levels, octaves: between two levels the coarser one, which is smoothed twice,
+/// has the larger error (docs/decisions/0040).
+const LEVEL_BIAS: f64 = 0.25;
 
-/// The layers of a frame, near ones first; what is at infinity comes last.
+/// Merges the layers of a frame, from near to far; infinity comes last.
 pub(crate) fn merged_layers(
     lumigraph: &Lumigraph,
     view: &PlaneView,
@@ -39,14 +40,13 @@ pub(crate) fn merged_layers(
     let layers = lumigraph.layers();
     let focal_px = lumigraph.grid().focal_px();
     let [most, middle] = view.px_per_slope().unwrap_or([focal_px; 2]);
-    let tolerance =
-        settings.tolerance_px.max(LEAST_TOLERANCE_PX) * (1.0 / focal_px).max(1.0 / most);
+    let tolerance = settings.tolerance_px.max(MIN_TOLERANCE_PX) * (1.0 / focal_px).max(1.0 / most);
     let bound = ErrorBound {
         focal: 1.0,
         spacing: lumigraph
             .grid()
             .spacing()
-            .max(beside_the_grid(lumigraph, view)),
+            .max(distance_outside_grid(lumigraph, view)),
         behind: view.behind(),
         tolerance: if settings.merge { tolerance } else { -1.0 },
     };
@@ -59,8 +59,8 @@ pub(crate) fn merged_layers(
     let merged = |indices: [u16; 2], drawn: f64| {
         let ahead = 1.0 + view.behind() * drawn;
         let finer = (focal_px * ahead / middle).log2();
-        let level = (finer - SHARPER).floor().clamp(0.0, coarsest as f64) as usize;
-        (ahead > LEAST_AHEAD).then_some(MergedLayer {
+        let level = (finer - LEVEL_BIAS).floor().clamp(0.0, coarsest as f64) as usize;
+        (ahead > MIN_AHEAD).then_some(MergedLayer {
             indices,
             with_neighbours: indices,
             drawn,
@@ -71,61 +71,61 @@ pub(crate) fn merged_layers(
         let whole = layers[range.start].through(&layers[range.end - 1]);
         merged([range.start as u16 + 1, range.end as u16], whole.drawn())
     });
-    let mut found: Vec<MergedLayer> = surfaces.chain(merged([0, 0], 0.0)).collect();
+    let mut merged_layers: Vec<_> = surfaces.chain(merged([0, 0], 0.0)).collect();
     let near_enough = ErrorBound {
-        tolerance: NEIGHBOURS * tolerance,
+        tolerance: NEIGHBOUR_DISTANCE * tolerance,
         ..bound
     };
-    for i in 1..found.len() {
-        let (front, behind) = (found[i - 1], found[i]);
-        // What is at infinity is nobody's neighbour.
+    for i in 1..merged_layers.len() {
+        let (front, behind) = (merged_layers[i - 1], merged_layers[i]);
+        // Infinity is not a neighbour of a layer.
         if behind.drawn > 0.0 && near_enough.allows([behind.drawn, front.drawn]) {
-            found[i - 1].with_neighbours[0] = behind.indices[0];
-            found[i].with_neighbours[1] = front.indices[1];
+            merged_layers[i - 1].with_neighbours[0] = behind.indices[0];
+            merged_layers[i].with_neighbours[1] = front.indices[1];
         }
     }
-    found
+    merged_layers
 }
 
-/// Largest distance from the nearest camera at which rays that may meet something cross the plane
-/// outside the grid, metres: there the bound must hold for a single camera.
-fn beside_the_grid(lumigraph: &Lumigraph, view: &PlaneView) -> f64 {
+/// Returns the largest distance outside the grid at which rays towards visible surfaces cross the
+/// plane, metres: there the bound must hold for a single camera.
+fn distance_outside_grid(lumigraph: &Lumigraph, view: &PlaneView) -> f64 {
     let (grid, behind) = (lumigraph.grid(), view.behind());
-    let [width, height] = view.size();
+    let [width, height] = view.size;
     let corners = [[0.0, 0.0], [width, 0.0], [0.0, height], [width, height]];
-    let of_frame = corners.iter().try_fold(
+    let crossings = corners.iter().try_fold(
         [DVec2::INFINITY, DVec2::NEG_INFINITY],
         |[low, high], &corner| {
             let crossing = view.crossing(view.slopes(corner)?);
             Some([low.min(crossing), high.max(crossing)])
         },
     );
-    let Some([low, high]) = of_frame else {
+    let Some([low, high]) = crossings else {
         return 0.0;
     };
-    let ends = |places: &[f64]| [places[0], places[places.len() - 1]];
+    let ends = |positions: &[f64]| [positions[0], positions[positions.len() - 1]];
     let (columns, rows) = (ends(grid.columns()), ends(grid.rows()));
-    let mut beside = 0.0f64;
+    let [half_x, half_y] = grid
+        .size_px()
+        .map(|side| f64::from(side) / 2.0 / grid.focal_px());
+    let mut outside = 0.0f64;
     for disparity in lumigraph.range().into_iter().flatten() {
-        if 1.0 + behind * disparity <= LEAST_AHEAD {
+        if 1.0 + behind * disparity <= MIN_AHEAD {
             continue;
         }
-        let [half_x, half_y] = grid
-            .size_px()
-            .map(|side| f64::from(side) / 2.0 / grid.focal_px());
         for (ends, half, eye, frame) in [
             (columns, half_x, view.eye.x, [low.x, high.x]),
             (rows, half_y, view.eye.y, [low.y, high.y]),
         ] {
-            // The outermost points that the outermost cameras see at this depth, and where the
-            // eye's rays to them cross.
+            // Outermost points that the outermost cameras see at this depth, and the crossings of
+            // the eye's rays to them.
             let crossings = [-1.0, 1.0].map(|side| {
-                let of =
-                    |place: f64| place + (side * half - place * grid.convergence()) / disparity;
+                let edge =
+                    |camera: f64| camera + (side * half - camera * grid.convergence()) / disparity;
                 let point = if side < 0.0 {
-                    of(ends[0]).min(of(ends[1]))
+                    edge(ends[0]).min(edge(ends[1]))
                 } else {
-                    of(ends[0]).max(of(ends[1]))
+                    edge(ends[0]).max(edge(ends[1]))
                 };
                 eye + (point - eye) * behind * disparity / (1.0 + behind * disparity)
             });
@@ -133,18 +133,19 @@ fn beside_the_grid(lumigraph: &Lumigraph, view: &PlaneView) -> f64 {
                 crossings[0].min(crossings[1]),
                 crossings[0].max(crossings[1]),
             ];
-            beside = beside
+            outside = outside
                 .max(ends[0] - low.max(frame[0]))
                 .max(high.min(frame[1]) - ends[1]);
         }
     }
-    beside
+    outside
 }
 
-/// Colours by number: linear red, green and blue, 65535 for 1.
+/// Colours of an overlay by layer or camera number.
 pub(super) struct Paint {
     /// Never [`Show::Colors`].
     pub(super) show: Show,
+    /// Linear red, green and blue, 65535 for 1.
     pub(super) colors: Vec<[f32; 3]>,
 }
 
@@ -154,11 +155,11 @@ impl Paint {
         let colors = match show {
             Show::Colors => return None,
             Show::Layers => (0..=layers)
-                .map(|i| from_far_to_near(i as f32 / layers.max(1) as f32))
+                .map(|i| depth_color(i as f32 / layers.max(1) as f32))
                 .collect(),
-            Show::Merged => (0..=layers as u32).map(own_color).collect(),
+            Show::Merged => (0..=layers as u32).map(palette_color).collect(),
             Show::Cameras => (0..lumigraph.grid().camera_count() as u32)
-                .map(own_color)
+                .map(palette_color)
                 .collect(),
         };
         Some(Self { show, colors })
@@ -168,16 +169,18 @@ impl Paint {
 /// State shared by all blocks of a frame.
 pub(super) struct LumigraphPlan {
     pub(super) view: PlaneView,
-    /// Near ones first.
+    /// From near to far.
     pub(super) layers: Vec<LayerInView>,
-    /// The same.
+    /// The same layers.
     batches: Vec<Batch>,
-    /// Cameras' places.
+    /// Camera positions along the columns, metres.
     pub(super) columns: Vec<f32>,
+    /// Camera positions along the rows, metres.
     pub(super) rows: Vec<f32>,
     pub(super) blend: Blend,
     /// Paint that replaces the images' colours.
     pub(super) paint: Option<Paint>,
+    /// See [`LumigraphSettings::skip`].
     pub(super) skip: bool,
     /// Order in which cells are searched for surfaces hidden from a ray's own cell.
     pub(super) steps: Vec<Step>,
@@ -187,21 +190,20 @@ pub(super) struct LumigraphPlan {
 /// `columns` x `rows` cameras: first between the layers, then from neighbouring cells, near ones
 /// first.
 pub(crate) fn steps(columns: usize, rows: usize) -> Vec<Step> {
-    let reach = |cameras: usize| WIDER.min(cameras.saturating_sub(2) as i32);
+    let reach = |cameras: usize| SEARCH_RADIUS.min(cameras.saturating_sub(2) as i32);
     let (columns, rows) = (reach(columns), reach(rows));
     let all = (-rows..=rows).flat_map(|row| (-columns..=columns).map(move |column| [column, row]));
-    let mut beside: Vec<[i32; 2]> = all.filter(|cell| *cell != [0, 0]).collect();
-    beside.sort_by_key(|[column, row]| column * column + row * row);
-    let beside = beside.into_iter().map(|shift| Step {
-        shift,
-        loose: false,
-    });
-    std::iter::once(Step {
-        loose: true,
+    let mut others: Vec<[i32; 2]> = all.filter(|cell| *cell != [0, 0]).collect();
+    others.sort_by_key(|[column, row]| column * column + row * row);
+    let between_layers = Step {
+        with_neighbours: true,
         ..Step::FIRST
-    })
-    .chain(beside)
-    .collect()
+    };
+    let others = others.into_iter().map(|shift| Step {
+        shift,
+        with_neighbours: false,
+    });
+    std::iter::once(between_layers).chain(others).collect()
 }
 
 impl LumigraphPlan {
@@ -214,7 +216,7 @@ impl LumigraphPlan {
     ) -> Self {
         let (grid, view) = (lumigraph.grid(), PlaneView::new(lumigraph.grid(), camera));
         let merged = merged_layers(lumigraph, &view, settings, merger);
-        let places = |places: &[f64]| places.iter().map(|place| *place as f32).collect();
+        let to_f32 = |positions: &[f64]| positions.iter().map(|at| *at as f32).collect();
         let layers: Vec<_> = merged
             .iter()
             .map(|layer| LayerInView::new(lumigraph, &view, layer))
@@ -223,8 +225,8 @@ impl LumigraphPlan {
             view,
             batches: batches(&layers),
             layers,
-            columns: places(grid.columns()),
-            rows: places(grid.rows()),
+            columns: to_f32(grid.columns()),
+            rows: to_f32(grid.rows()),
             blend: settings.blend,
             paint: Paint::new(lumigraph, settings.show),
             skip: settings.skip,
@@ -232,8 +234,8 @@ impl LumigraphPlan {
         }
     }
 
-    /// Rays with slopes from the least to the most along both axes, between the cameras of two
-    /// columns and two rows.
+    /// Creates a bundle of rays with slopes between a minimum and a maximum along both axes,
+    /// between the cameras of two columns and two rows.
     pub(super) fn bundle(
         &self,
         slopes: [[f32; 2]; 2],
@@ -243,7 +245,7 @@ impl LumigraphPlan {
         let count = self.columns.len();
         Bundle {
             slopes,
-            places: [
+            positions: [
                 columns.map(|column| self.columns[column]),
                 rows.map(|row| self.rows[row]),
             ],
@@ -256,14 +258,14 @@ impl LumigraphPlan {
         }
     }
 
-    /// The layers that may show in a block of the frame to the cameras of its rays' cells, and of
-    /// `beside` cells around them.
-    pub(super) fn layers_of(
+    /// Returns the layers that may be visible in a block of the frame from the cells of its rays,
+    /// and from cells up to `radius` around them.
+    pub(super) fn visible_layers(
         &self,
         cells: &Cells,
         columns: &Range<usize>,
         rows: &Range<usize>,
-        beside: usize,
+        radius: usize,
         level: SimdLevel,
     ) -> Vec<Batch> {
         let ends = |range: &Range<usize>| [range.start as f64, range.end as f64];
@@ -285,79 +287,69 @@ impl LumigraphPlan {
         let [from, until] = bounds(&mut slopes.iter().map(|&slopes| self.view.crossing(slopes)))
             .map(DVec2::as_vec2);
         // Two cameras of each axis at a time.
-        let pairs = |places: &[f32], from: f32, until: f32| {
-            let last = places.len() - 1;
-            let first = cell(places, from).saturating_sub(beside);
-            let end = (cell(places, until) + beside + 1).min(last);
+        let pairs = |positions: &[f32], from: f32, until: f32| {
+            let last = positions.len() - 1;
+            let first = cell(positions, from).saturating_sub(radius);
+            let end = (cell(positions, until) + radius + 1).min(last);
             (first..=end.max(first))
                 .step_by(2)
                 .map(move |low| [low, (low + 1).min(last)])
         };
         let slopes = [[low.x, high.x], [low.y, high.y]];
-        let mut near = vec![0; self.batches.len()];
+        let mut visible = vec![0; self.batches.len()];
         for rows in pairs(&self.rows, from.y, until.y) {
             for columns in pairs(&self.columns, from.x, until.x) {
                 let bundle = self.bundle(slopes, columns, rows);
-                for (near, batch) in near.iter_mut().zip(&self.batches) {
-                    // What is looked for beside is looked for between layers as well.
-                    *near |= dispatch!(level, simd => batch.near(simd, cells, &bundle, beside > 0))
-                        .layers;
+                for (visible, batch) in visible.iter_mut().zip(&self.batches) {
+                    // The search of other cells also includes neighbouring layers.
+                    *visible |=
+                        dispatch!(level, simd => batch.visible(simd, cells, &bundle, radius > 0))
+                            .layers;
                 }
             }
         }
-        let of_batch = |(near, batch): (u32, &'_ Batch)| {
-            let is_near = move |(i, _): &(usize, LayerInView)| near >> i & 1 == 1;
-            batch
-                .layers
-                .clone()
-                .into_iter()
-                .enumerate()
-                .filter(is_near)
-                .map(|(_, layer)| layer)
-                .collect::<Vec<_>>()
-        };
-        batches(
-            &near
-                .into_iter()
-                .zip(&self.batches)
-                .flat_map(of_batch)
-                .collect::<Vec<_>>(),
-        )
+        let visible_layers = visible
+            .into_iter()
+            .zip(&self.batches)
+            .flat_map(|(bits, batch)| {
+                let layers = batch.layers.iter().enumerate();
+                layers.filter_map(move |(i, layer)| (bits >> i & 1 == 1).then_some(*layer))
+            });
+        batches(&visible_layers.collect::<Vec<_>>())
     }
 }
 
-/// Layers in batches.
+/// Divides layers into batches.
 fn batches(layers: &[LayerInView]) -> Vec<Batch> {
     layers.chunks(LANES).map(Batch::new).collect()
 }
 
-/// Cells that are asked to each side of a ray's own where all of its cameras look at something that
-/// hides what the ray meets.
-pub(super) const WIDER: i32 = 2;
+/// Radius of the search for hidden surfaces, cells around the ray's own cell.
+pub(super) const SEARCH_RADIUS: i32 = 2;
 
-/// A way to look for what a ray meets.
+/// Step of the search for the surface that a ray hits.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Step {
-    /// Whose cameras are asked: columns and rows from the ray's own cell.
+    /// Cell whose cameras are tested: columns and rows from the ray's own cell.
     pub(crate) shift: [i32; 2],
-    /// True if neighbouring layers count as this one: a steep surface falls between layers where no
-    /// camera finds either of them at its own position.
-    pub(crate) loose: bool,
+    /// True if neighbouring layers count as the layer: a steep surface can fall between two layers,
+    /// where no camera sees either of them at its own position.
+    pub(crate) with_neighbours: bool,
 }
 
 impl Step {
-    /// The first: the ray's own cell.
+    /// First step: the ray's own cell.
     pub(crate) const FIRST: Self = Self {
         shift: [0, 0],
-        loose: false,
+        with_neighbours: false,
     };
 }
 
 /// Index of the gap between positions that contains `position`; the outermost one beyond them.
 #[inline(always)]
-pub(super) fn cell(places: &[f32], position: f32) -> usize {
-    match places {
-        [_, inner @ .., _] => inner.partition_point(|place| *place <= position),
+pub(super) fn cell(positions: &[f32], position: f32) -> usize {
+    match positions {
+        [_, inner @ .., _] => inner.partition_point(|at| *at <= position),
         _ => 0,
     }
 }

@@ -1,36 +1,35 @@
-//! Levels of detail of the images: colour low-passed in linear light, layers by vote and never
-//! averaged (L7, C19).
+//! Levels of detail of the images: colours are low-pass filtered in linear light, layer indices by
+//! majority vote, never averaged (L7, C19).
 
 use crate::{CameraGrid, Picture};
 use headbox_core::color::linear_from_srgb8;
 use headbox_core::mip::half_size;
 use rayon::prelude::*;
 
-/// A pixel of an image as frames use it: linear red, green and blue, 65535 for 1, and the layer's
-/// index.
+/// Texel of an image: linear red, green and blue, 65535 for 1, and the layer index.
 pub(crate) type Texel = [u16; 4];
 
-/// One resolution.
+/// Layout of a level of detail.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Level {
     pub(crate) width: usize,
     pub(crate) height: usize,
-    /// Index of the first texel in each camera's texels.
+    /// Index of the first texel among each camera's texels.
     pub(crate) first: usize,
 }
 
-/// All images at all resolutions; the first is that of the images.
+/// All images at all levels of detail; level 0 has the resolution of the images.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Pyramid {
     pub(crate) levels: Vec<Level>,
-    /// Texels of a camera.
+    /// Number of texels of a camera.
     pub(crate) stride: usize,
-    /// Camera by camera, each level by level, row-major.
+    /// Texels, camera by camera, level by level, row-major.
     pub(crate) texels: Vec<Texel>,
 }
 
-/// The paper's Gaussian kernel: the binomial one of four taps, which lies evenly about the middle
-/// of two pixels.
+/// The paper's Gaussian kernel: the binomial one with four taps, symmetric about the middle of two
+/// pixels.
 const KERNEL: [u32; 4] = [1, 3, 3, 1];
 
 impl Pyramid {
@@ -83,23 +82,23 @@ impl Pyramid {
         }
     }
 
-    /// Size of all texels, bytes.
+    /// Returns the size of all texels, bytes.
     pub(crate) fn bytes(&self) -> usize {
         size_of_val(&self.texels[..])
     }
 }
 
-/// The next level.
-fn halve(finer: &[Texel], of: Level, coarser: &mut [Texel], to: Level) {
-    let place =
+/// Filters a level down to the next coarser one.
+fn halve(finer: &[Texel], from: Level, coarser: &mut [Texel], to: Level) {
+    let source =
         |at: usize, tap: usize, count: usize| (2 * at + tap).saturating_sub(1).min(count - 1);
     for (y, row) in coarser.chunks_exact_mut(to.width).enumerate() {
         for (x, texel) in row.iter_mut().enumerate() {
             let mut sum = [0u32; 3];
             for (j, down) in KERNEL.iter().enumerate() {
-                let from = &finer[place(y, j, of.height) * of.width..];
+                let source_row = &finer[source(y, j, from.height) * from.width..];
                 for (i, across) in KERNEL.iter().enumerate() {
-                    let [r, g, b, _] = from[place(x, i, of.width)].map(u32::from);
+                    let [r, g, b, _] = source_row[source(x, i, from.width)].map(u32::from);
                     let weight = across * down;
                     sum = [
                         sum[0] + weight * r,
@@ -110,23 +109,20 @@ fn halve(finer: &[Texel], of: Level, coarser: &mut [Texel], to: Level) {
             }
             let [r, g, b] = sum.map(|sum| ((sum + 32) / 64) as u16);
             let index = |i: usize, j: usize| {
-                finer[place(y, j, of.height) * of.width + place(x, i, of.width)][3]
+                finer[source(y, j, from.height) * from.width + source(x, i, from.width)][3]
             };
-            *texel = [
-                r,
-                g,
-                b,
-                vote([index(1, 1), index(2, 1), index(1, 2), index(2, 2)]),
-            ];
+            let index = vote([index(1, 1), index(2, 1), index(1, 2), index(2, 2)]);
+            *texel = [r, g, b, index];
         }
     }
 }
 
-/// The index that most of four have; of those that tie, the nearest layer's, so that thin things
-/// stay (C19).
-fn vote(of: [u16; 4]) -> u16 {
-    let votes = |index: u16| of.iter().filter(|other| **other == index).count();
-    of.into_iter()
+/// Returns the most frequent of four indices; on a tie that of the nearest layer, which preserves
+/// thin objects (C19).
+fn vote(indices: [u16; 4]) -> u16 {
+    let votes = |index: u16| indices.iter().filter(|other| **other == index).count();
+    indices
+        .into_iter()
         .max_by_key(|&index| (votes(index), index))
         .unwrap_or(0)
 }

@@ -1,5 +1,5 @@
-//! The rays of sixteen pixels: their slopes, the four cameras that each lies between, and where
-//! these look (L9, C21).
+//! Rays of sixteen pixels: slopes, the four cameras around each, and texel positions in their
+//! images (L9, C21).
 
 use super::cells::Bundle;
 use super::layer_in_view::LayerInView;
@@ -8,52 +8,54 @@ use super::pyramid::Level;
 use super::taps::LANES;
 use fearless_simd::{Simd, f32x16, mask32x16, prelude::*, u32x16};
 
-/// Edge of the square of pixels whose rays are drawn at once: few layers show in one.
+/// Edge of the square tile of pixels that is drawn at once: few layers are visible in one.
 pub(super) const TILE: usize = 4;
 
-/// The lanes of a tile's corners.
+/// Lanes of a tile's corners.
 const CORNERS: [usize; 4] = [0, TILE - 1, LANES - TILE, LANES - 1];
 
-/// The share of a cell's camera along each axis, at least: where it alone sees what a ray meets,
-/// beside the grid or just where another cell begins, it is asked.
-pub(crate) const LEAST_WEIGHT: f32 = 1.0 / 1024.0;
+/// Smallest weight of a cell's camera along each axis: outside the grid, and at the border to
+/// another cell, a camera may be the only one that sees the surface.
+pub(crate) const MIN_WEIGHT: f32 = 1.0 / 1024.0;
 
-/// The cameras to either side of some rays, along one axis of the grid.
+/// Cameras to either side of sixteen rays along one axis of the grid.
 struct Sides<S: Simd> {
-    /// Their places.
-    place: [f32x16<S>; 2],
-    /// Their bilinear weights.
+    /// Positions of the cameras, metres.
+    camera: [f32x16<S>; 2],
+    /// Bilinear weights of the cameras.
     weight: [f32x16<S>; 2],
-    /// Their numbers.
+    /// Column (row) numbers of the cameras.
     number: [u32x16<S>; 2],
-    /// The numbers, if they are all rays' own.
+    /// The numbers, if they are the same for all rays.
     shared: Option<[usize; 2]>,
 }
 
+/// Finds the cameras of the cell at `shift` from each ray's own along an axis, with crossings at
+/// `position`.
 #[inline(always)]
-fn sides<S: Simd>(simd: S, places: &[f32], position: f32x16<S>, shift: i32) -> Sides<S> {
+fn find_sides<S: Simd>(simd: S, cameras: &[f32], position: f32x16<S>, shift: i32) -> Sides<S> {
     let positions = position.to_array();
-    let most = places.len().saturating_sub(2);
+    let most = cameras.len().saturating_sub(2);
     let shifted = |cell: usize| cell.saturating_add_signed(shift as isize).min(most);
-    let above = |low: usize| (low + 1).min(places.len() - 1);
-    let first = cell(places, positions[0]);
+    let above = |low: usize| (low + 1).min(cameras.len() - 1);
+    let first = cell(cameras, positions[0]);
     let begins = if first == 0 {
         f32::NEG_INFINITY
     } else {
-        places[first]
+        cameras[first]
     };
     let ends = if first >= most {
         f32::INFINITY
     } else {
-        places[first + 1]
+        cameras[first + 1]
     };
-    let (place, number, shared);
+    let (camera, number, shared);
     if (position.simd_ge(begins) & position.simd_lt(ends)).all_true() {
         let low = shifted(first);
         let high = above(low);
-        place = [
-            f32x16::splat(simd, places[low]),
-            f32x16::splat(simd, places[high]),
+        camera = [
+            f32x16::splat(simd, cameras[low]),
+            f32x16::splat(simd, cameras[high]),
         ];
         number = [
             u32x16::splat(simd, low as u32),
@@ -61,52 +63,52 @@ fn sides<S: Simd>(simd: S, places: &[f32], position: f32x16<S>, shift: i32) -> S
         ];
         shared = Some([low, high]);
     } else {
-        let (mut place_of, mut number_of) = ([[0.0; LANES]; 2], [[0; LANES]; 2]);
+        let (mut lane_cameras, mut lane_numbers) = ([[0.0; LANES]; 2], [[0; LANES]; 2]);
         for i in 0..LANES {
-            let low = shifted(cell(places, positions[i]));
+            let low = shifted(cell(cameras, positions[i]));
             let high = above(low);
-            (number_of[0][i], number_of[1][i]) = (low as u32, high as u32);
-            (place_of[0][i], place_of[1][i]) = (places[low], places[high]);
+            (lane_numbers[0][i], lane_numbers[1][i]) = (low as u32, high as u32);
+            (lane_cameras[0][i], lane_cameras[1][i]) = (cameras[low], cameras[high]);
         }
-        place = [
-            f32x16::load_array(simd, place_of[0]),
-            f32x16::load_array(simd, place_of[1]),
+        camera = [
+            f32x16::load_array(simd, lane_cameras[0]),
+            f32x16::load_array(simd, lane_cameras[1]),
         ];
         number = [
-            u32x16::load_array(simd, number_of[0]),
-            u32x16::load_array(simd, number_of[1]),
+            u32x16::load_array(simd, lane_numbers[0]),
+            u32x16::load_array(simd, lane_numbers[1]),
         ];
         shared = None;
     }
-    // A single camera is both.
-    let gap = (place[1] - place[0]).max(f32::MIN_POSITIVE);
-    let of_high = ((position - place[0]) / gap)
-        .max(LEAST_WEIGHT)
-        .min(1.0 - LEAST_WEIGHT);
+    // A single camera is on both sides.
+    let gap = (camera[1] - camera[0]).max(f32::MIN_POSITIVE);
+    let high_weight = ((position - camera[0]) / gap)
+        .max(MIN_WEIGHT)
+        .min(1.0 - MIN_WEIGHT);
     Sides {
-        place,
-        weight: [f32x16::splat(simd, 1.0) - of_high, of_high],
+        camera,
+        weight: [f32x16::splat(simd, 1.0) - high_weight, high_weight],
         number,
         shared,
     }
 }
 
-/// The rays of sixteen pixels.
+/// Rays of sixteen pixels.
 pub(super) struct Rays<S: Simd> {
     slopes: [f32x16<S>; 2],
     across: Sides<S>,
     up: Sides<S>,
-    /// Weights of the four cameras: low and high columns of the low row, then of the high one.
+    /// Weights of the four cameras: low and high column of the low row, then of the high row.
     pub(super) weight: [f32x16<S>; 4],
     /// Index of the first texel of each camera.
     pub(super) base: [u32x16<S>; 4],
-    /// `None` where some lie between other cameras.
+    /// Bundle of the rays; `None` if they lie in different cells.
     pub(super) bundle: Option<Bundle>,
 }
 
 impl<S: Simd> Rays<S> {
-    /// Rays of some slopes, with the cameras of the cell that is `shift` from each one's own.
-    /// `stride`: texels of a camera.
+    /// Creates rays from slopes, with the cameras of the cell at `shift` from each ray's own.
+    /// `stride` is the number of texels of a camera.
     #[inline(always)]
     pub(super) fn new(
         simd: S,
@@ -116,8 +118,8 @@ impl<S: Simd> Rays<S> {
         shift: [i32; 2],
     ) -> Self {
         let eye = plan.view.eye.as_vec3();
-        let across = sides(simd, &plan.columns, slopes[0] * -eye.z + eye.x, shift[0]);
-        let up = sides(simd, &plan.rows, slopes[1] * -eye.z + eye.y, shift[1]);
+        let across = find_sides(simd, &plan.columns, slopes[0] * -eye.z + eye.x, shift[0]);
+        let up = find_sides(simd, &plan.rows, slopes[1] * -eye.z + eye.y, shift[1]);
         let weight = [
             across.weight[0] * up.weight[0],
             across.weight[1] * up.weight[0],
@@ -146,25 +148,26 @@ impl<S: Simd> Rays<S> {
         }
     }
 
-    /// Positions of a layer's texels in the images of the four cameras.
+    /// Returns the texel positions of a layer in the images of the four cameras.
     #[inline(always)]
-    pub(super) fn places(&self, layer: &LayerInView) -> TexelPositions<S> {
+    pub(super) fn texel_positions(&self, layer: &LayerInView) -> TexelPositions<S> {
         let u = self.slopes[0] * layer.scale + layer.add[0];
         let v = self.slopes[1] * -layer.scale + layer.add[1];
         TexelPositions {
             u: [
-                u - self.across.place[0] * layer.shift,
-                u - self.across.place[1] * layer.shift,
+                u - self.across.camera[0] * layer.shift,
+                u - self.across.camera[1] * layer.shift,
             ],
             v: [
-                v + self.up.place[0] * layer.shift,
-                v + self.up.place[1] * layer.shift,
+                v + self.up.camera[0] * layer.shift,
+                v + self.up.camera[1] * layer.shift,
             ],
         }
     }
 }
 
-/// Slopes are projective in the pixel: those of a tile lie between those of its corners.
+/// Creates the bundle of a tile. Slopes are projective in the pixel, so that those of the corners
+/// bound the others.
 #[inline(always)]
 fn bundle<S: Simd>(
     plan: &LumigraphPlan,
@@ -172,32 +175,33 @@ fn bundle<S: Simd>(
     columns: [usize; 2],
     rows: [usize; 2],
 ) -> Bundle {
-    let mut least_and_most = [[f32::INFINITY, f32::NEG_INFINITY]; 2];
+    let mut bounds = [[f32::INFINITY, f32::NEG_INFINITY]; 2];
     for axis in 0..2 {
         let slopes = slopes[axis].to_array();
         for corner in CORNERS {
-            let [least, most] = least_and_most[axis];
-            least_and_most[axis] = [least.min(slopes[corner]), most.max(slopes[corner])];
+            let [low, high] = bounds[axis];
+            bounds[axis] = [low.min(slopes[corner]), high.max(slopes[corner])];
         }
     }
-    plan.bundle(least_and_most, columns, rows)
+    plan.bundle(bounds, columns, rows)
 }
 
-/// Texel positions in four cameras: of low and high columns, and of low and high rows.
+/// Texel positions in four cameras: u for the low and the high column, v for the low and the high
+/// row.
 pub(super) struct TexelPositions<S: Simd> {
     pub(super) u: [f32x16<S>; 2],
     pub(super) v: [f32x16<S>; 2],
 }
 
 impl<S: Simd> TexelPositions<S> {
-    /// Position in the `k`-th camera, in the order of [`Rays::weight`].
+    /// Returns the position in the `k`-th camera, in the order of [`Rays::weight`].
     #[inline(always)]
-    pub(super) fn of(&self, k: usize) -> [f32x16<S>; 2] {
+    pub(super) fn in_camera(&self, k: usize) -> [f32x16<S>; 2] {
         [self.u[k % 2], self.v[k / 2]]
     }
 }
 
-/// Mask of positions that lie in an image.
+/// Returns a mask of the positions inside an image.
 #[inline(always)]
 pub(super) fn inside<S: Simd>(level: Level, [u, v]: [f32x16<S>; 2]) -> mask32x16<S> {
     u.simd_ge(0.0) & v.simd_ge(0.0) & u.simd_lt(level.width as f32) & v.simd_lt(level.height as f32)

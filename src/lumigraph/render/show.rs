@@ -1,4 +1,4 @@
-//! Overlays of lumigraphs: how a frame was composed.
+//! Overlays of lumigraphs: the layers and cameras behind each pixel.
 
 use serde::Serialize;
 
@@ -9,16 +9,16 @@ pub enum Show {
     /// The scene.
     #[default]
     Colors,
-    /// The layer of each pixel as it is stored, blue for the farthest and red for the nearest.
+    /// Stored layer of each pixel, from blue (farthest) to red (nearest).
     Layers,
-    /// Layers as they were merged for the frame, each in a colour of its own.
+    /// Merged layers of the frame, each in its own colour.
     Merged,
-    /// Cameras that a pixel is blended from, each in its own colour.
+    /// Cameras from which a pixel is blended, each in its own colour.
     Cameras,
 }
 
 impl Show {
-    /// All, with what the window calls them.
+    /// All overlays with their names in the window.
     pub const ALL: [(&'static str, Self); 4] = [
         ("none", Self::Colors),
         ("layer", Self::Layers),
@@ -27,18 +27,18 @@ impl Show {
     ];
 }
 
-/// A colour of its own for a number: steps by the golden ratio around the hues. Linear light, 65535
+/// Returns the palette colour of a number: hues in steps of the golden ratio. Linear light, 65535
 /// for 1.
-pub(super) fn own_color(number: u32) -> [f32; 3] {
+pub(super) fn palette_color(number: u32) -> [f32; 3] {
     hue((number as f32 * 0.618_034).fract())
 }
 
-/// From blue to red for a share from 0 to 1.
-pub(super) fn from_far_to_near(share: f32) -> [f32; 3] {
+/// Returns the colour of a relative depth, from blue at 0 (far) to red at 1 (near).
+pub(super) fn depth_color(share: f32) -> [f32; 3] {
     hue(2.0 / 3.0 * (1.0 - share.clamp(0.0, 1.0)))
 }
 
-/// A full colour of a hue from 0 to 1.
+/// Returns the saturated colour of a hue from 0 to 1.
 fn hue(hue: f32) -> [f32; 3] {
     [0.0, 4.0, 2.0].map(|offset| {
         let around = (hue * 6.0 + offset) % 6.0;
@@ -53,7 +53,7 @@ mod tests {
     #[test]
     fn neighbours_differ_and_far_is_blue() {
         for number in 0..40 {
-            let (a, b) = (own_color(number), own_color(number + 1));
+            let (a, b) = (palette_color(number), palette_color(number + 1));
             assert!((0..3).map(|c| (a[c] - b[c]).abs()).sum::<f32>() > 20_000.0);
         }
         let brightest = |[r, g, b]: [f32; 3]| {
@@ -66,7 +66,7 @@ mod tests {
             }
         };
         assert_eq!(
-            [0.0, 0.5, 1.0].map(|share| brightest(from_far_to_near(share))),
+            [0.0, 0.5, 1.0].map(|share| brightest(depth_color(share))),
             ['b', 'g', 'r']
         );
     }

@@ -1,4 +1,4 @@
-//! Frames of several light slabs: one or two are drawn, and mixed pixel by pixel in linear light.
+//! Frames of several light slabs: one or two are drawn, and blended pixel by pixel in linear light.
 
 use crate::make::slabs::{SlabShare, Slabs};
 use crate::oracle;
@@ -11,30 +11,29 @@ use rayon::prelude::*;
 use std::cmp::Ordering;
 use std::time::Instant;
 
-/// Shares of a pixel are whole numbers of this many.
-const SHARES: u32 = 255;
+/// Denominator of the shares of a pixel.
+const SHARE_ONE: u32 = 255;
 
-/// The share of a slab from which on what its cameras see is shown alone where those of the other
-/// look nowhere: what the best slab sees is always there, and what only the second sees comes and
-/// goes with it.
-const FILLS: f64 = 0.5;
+/// Share from which a slab is opaque in pixels that the other does not cover: pixels of the best
+/// slab are always opaque, and those that only the second covers fade in and out with it.
+const OPAQUE_SHARE: f64 = 0.5;
 
-/// Draws frames of slabs; owns its buffers.
+/// Renderer of slabs; reuses its buffers from frame to frame.
 #[derive(Default)]
 pub struct SlabsRenderer {
-    /// Renderer of each slab; the layers that one merged are the start of its next frame.
+    /// Renderer of each slab; its merged layers are the initial guess of its next frame.
     renderers: Vec<LumigraphRenderer>,
     frame: Frame,
     stats: LumigraphStats,
 }
 
 impl SlabsRenderer {
-    /// A renderer that has drawn nothing yet.
+    /// Creates a renderer.
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// Draws what `camera` sees, on the current rayon thread pool.
+    /// Renders a frame for `camera`, on the current rayon thread pool.
     pub fn render(
         &mut self,
         slabs: &Slabs,
@@ -61,25 +60,25 @@ impl SlabsRenderer {
             return (self.renderers[best.slab].frame(), &self.stats);
         };
         let frames = [best.slab, second.slab].map(|slab| self.renderers[slab].frame());
-        mix(frames, second.share, &mut self.frame);
+        blend(frames, second.share, &mut self.frame);
         self.stats.hole_pixels = self.frame.hole_count();
         self.stats.frame_ms = started.elapsed().as_secs_f64() * 1e3;
         (&self.frame, &self.stats)
     }
 }
 
-/// The second's share of a pixel, as cameras of the first and the second see something there or
-/// not: 0 for a hole, 1 for what is only known to lie behind all, 2 for what is seen.
-fn share_of_second(known: [u8; 2], of_second: f64) -> f64 {
-    match known[0].cmp(&known[1]) {
-        Ordering::Equal => of_second,
-        Ordering::Less => (of_second / FILLS).min(1.0),
-        Ordering::Greater => 1.0 - ((1.0 - of_second) / FILLS).min(1.0),
+/// Returns the second slab's share of a pixel, by the coverage ranks of the two slabs there: 0 for
+/// a hole, 1 for the environment, 2 for a surface.
+fn second_share(ranks: [u8; 2], share: f64) -> f64 {
+    match ranks[0].cmp(&ranks[1]) {
+        Ordering::Equal => share,
+        Ordering::Less => (share / OPAQUE_SHARE).min(1.0),
+        Ordering::Greater => 1.0 - ((1.0 - share) / OPAQUE_SHARE).min(1.0),
     }
 }
 
-/// Encodes the coverage of a pixel for [`share_of_second`].
-fn known(coverage: Coverage) -> u8 {
+/// Ranks the coverage of a pixel for [`second_share`].
+fn coverage_rank(coverage: Coverage) -> u8 {
     if coverage.is_hole() {
         0
     } else {
@@ -87,12 +86,12 @@ fn known(coverage: Coverage) -> u8 {
     }
 }
 
-/// Two frames in one; the coverage of a pixel is that of which more is known.
-fn mix(frames: [&Frame; 2], of_second: f64, to: &mut Frame) {
+/// Blends two frames; the coverage of a pixel is that of the higher rank.
+fn blend(frames: [&Frame; 2], share: f64, to: &mut Frame) {
     to.resize(frames[0].width, frames[0].height, false);
-    let whole = |share: f64| (share * f64::from(SHARES)).round() as u32;
-    let shares = [0, 1, 2]
-        .map(|first| [0, 1, 2].map(|second| whole(share_of_second([first, second], of_second))));
+    let whole = |share: f64| (share * f64::from(SHARE_ONE)).round() as u32;
+    let shares =
+        [0, 1, 2].map(|first| [0, 1, 2].map(|second| whole(second_share([first, second], share))));
     let tables = LinearLight::tables();
     let pixels = to
         .color
@@ -101,12 +100,12 @@ fn mix(frames: [&Frame; 2], of_second: f64, to: &mut Frame) {
         .enumerate()
         .with_min_len(4096);
     pixels.for_each(|(i, (color, coverage))| {
-        let known = frames.map(|frame| known(frame.coverage[i]));
-        let share = shares[usize::from(known[0])][usize::from(known[1])];
+        let ranks = frames.map(|frame| coverage_rank(frame.coverage[i]));
+        let share = shares[usize::from(ranks[0])][usize::from(ranks[1])];
         let colors = frames.map(|frame| [frame.color[i][0], frame.color[i][1], frame.color[i][2]]);
-        let [r, g, b] = tables.mix(colors, [SHARES - share, share]);
+        let [r, g, b] = tables.mix(colors, [SHARE_ONE - share, share]);
         *color = [r, g, b, 255];
-        *coverage = frames[usize::from(known[1] > known[0])].coverage[i];
+        *coverage = frames[usize::from(ranks[1] > ranks[0])].coverage[i];
     });
 }
 
@@ -128,14 +127,14 @@ pub fn render_slabs_by_rays(slabs: &Slabs, camera: &Camera, settings: &Lumigraph
     let mut frame = first.clone();
     let linear = |color: [u8; 4], c: usize| f64::from(linear_from_srgb8(color[c]));
     for (i, color) in frame.color.iter_mut().enumerate() {
-        let known = [first, second].map(|frame| known(frame.coverage[i]));
-        let share = share_of_second(known, *share);
+        let ranks = [first, second].map(|frame| coverage_rank(frame.coverage[i]));
+        let share = second_share(ranks, *share);
         for c in 0..3 {
             let sum =
                 (1.0 - share) * linear(first.color[i], c) + share * linear(second.color[i], c);
             color[c] = srgb8_from_linear(sum as f32);
         }
-        frame.coverage[i] = [first, second][usize::from(known[1] > known[0])].coverage[i];
+        frame.coverage[i] = [first, second][usize::from(ranks[1] > ranks[0])].coverage[i];
     }
     frame
 }

@@ -1,15 +1,15 @@
-//! Texels of sixteen rays at once: the nearest index, and bilinear colours of those that show a
-//! layer (C21).
+//! Texture lookups of sixteen rays at once: nearest layer index, and bilinear colours over the
+//! texels of a layer (C21).
 
 use super::pyramid::{Level, Texel};
 use fearless_simd::{ExtractToken, Simd, f32x16, i32x16, mask32x16, prelude::*, u32x4, u32x16};
 use headbox_core::texels::gather_wide_quads;
 
-/// Pixels at a time.
+/// Number of pixels per vector.
 pub(super) const LANES: usize = 16;
 
-/// The indices of the nearest texels of a level at positions that lie `inside` the image, with a
-/// camera's texels from `base` on.
+/// Returns the layer indices of the nearest texels of a level, at positions `inside` the image; a
+/// camera's texels start at `base`.
 #[inline(always)]
 pub(super) fn nearest<S: Simd>(
     simd: S,
@@ -20,18 +20,18 @@ pub(super) fn nearest<S: Simd>(
     inside: mask32x16<S>,
 ) -> i32x16<S> {
     let zero = f32x16::splat(simd, 0.0);
-    // Positions are not negative: truncation is the floor.
+    // Positions are not negative, so that truncation is the floor.
     let column = inside.select(u, zero).to_int::<i32x16<S>>();
     let row = inside.select(v, zero).to_int::<i32x16<S>>();
     let at = (row * level.width as i32 + column).bitcast::<u32x16<S>>() + base + level.first as u32;
     let at = at.to_array();
-    // Blue and index.
+    // The word of blue and index.
     let word = |i: usize| {
         texels
             .get(at[i] as usize)
             .map_or(0, |&texel| bytemuck::cast::<Texel, [u32; 2]>(texel)[1])
     };
-    // Registers put together from loads, as wide stores before a wider load would stall.
+    // Registers are combined from loads, since narrow stores before a wide load would stall.
     let four = [
         u32x4::load_array(simd, [word(0), word(1), word(2), word(3)]),
         u32x4::load_array(simd, [word(4), word(5), word(6), word(7)]),
@@ -45,8 +45,8 @@ pub(super) fn nearest<S: Simd>(
     (simd.combine_u32x8(eight[0], eight[1]) >> 16).bitcast::<i32x16<S>>()
 }
 
-/// Adds colour times weight, and weight, of the texels around positions: of the four those that
-/// show layers from the first to the second of `indices`.
+/// Adds colour times weight, and weight, of those of the four texels around a position whose layer
+/// lies between the two `indices`.
 #[inline(always)]
 pub(super) fn add_taps<S: Simd>(
     simd: S,
@@ -91,8 +91,8 @@ fn add_tap<S: Simd>(
     sum[3] += weight;
 }
 
-/// Converts numbers below 2^31.
+/// Converts integers below 2^31.
 #[inline(always)]
-fn float<S: Simd>(of: u32x16<S>) -> f32x16<S> {
-    of.bitcast::<i32x16<S>>().to_float::<f32x16<S>>()
+fn float<S: Simd>(values: u32x16<S>) -> f32x16<S> {
+    values.bitcast::<i32x16<S>>().to_float::<f32x16<S>>()
 }

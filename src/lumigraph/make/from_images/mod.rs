@@ -1,11 +1,11 @@
-//! Images of a grid of cameras from a set of pictures with known cameras and depth, whose cameras
-//! stand in a plane (L5; the paper's limitation 1: columns and rows need not be evenly spaced).
+//! Images of a camera grid from an image set with known cameras and depth, whose cameras lie on a
+//! plane (L5; the paper's limitation 1: columns and rows need not be evenly spaced).
 //!
-//! Cameras need not look the same way, nor have one lens: each picture is brought onto the image
-//! plane that all share (`reproject`).
+//! The cameras may differ in direction and lens: each image is reprojected onto the common image
+//! plane (`reproject`).
 
-use super::find_grid::{CameraPose, FoundGrid, find_grid};
-use super::from_images_error::{FromImagesError, MOST_TURNED_DEG};
+use super::find_grid::{CameraPose, GridFit, find_grid};
+use super::from_images_error::{FromImagesError, MAX_TURN_DEG};
 use super::raw::{RawLumigraph, RawPicture};
 use super::reproject::reproject;
 use crate::{CameraGrid, GridParts, LumigraphError};
@@ -13,36 +13,35 @@ use glam::{DVec2, DVec3};
 use headbox_core::environment::Environment;
 use headbox_core::progress::{Progress, check_cancelled};
 use headbox_core::statistics::median;
-use headbox_images::{ImageSet, Lens, Pinhole, View};
+use headbox_images::{ImageSet, Lens, View};
 use rayon::prelude::*;
 
-/// The sides of the images that all share are at most so many times those of the largest picture;
-/// what turned pictures show beyond is left out.
-const MOST_GROWTH: f64 = 2.0;
+/// Largest size of the common images, in sizes of the largest image of the set; turned images are
+/// cropped to it.
+const MAX_GROWTH: f64 = 2.0;
 
-/// A camera off its place shows things displaced; by at most so many pixels of the images, as
-/// neighbouring cameras may disagree (Eq. 5).
-const MOST_DISPLACED_PX: f64 = 1.0;
+/// Largest displacement of a surface because its camera is off its grid position, pixels: as much
+/// as neighbouring cameras may disagree (Eq. 5).
+const MAX_DISPLACEMENT_PX: f64 = 1.0;
 
-/// Rounding may put a camera off by this share of the grid's own lengths.
+/// Rounding error of a camera position, as a share of the grid's extent.
 const ROUNDING: f64 = 1e-6;
 
-/// Pictures of a set as images of a grid.
+/// Result of [`RawLumigraph::from_images`].
 #[derive(Clone, Debug)]
 pub struct FromImages {
     /// The images.
     pub raw: RawLumigraph,
-    /// Data that was lost: a sentence each.
+    /// Notes about lost data, a sentence each.
     pub notes: Vec<String>,
 }
 
 impl RawLumigraph {
-    /// The pictures of a set as images of the grid that its cameras stand in. What its depth does
-    /// not tell is not known of the images either; what it tells to be infinitely far is at
-    /// infinity.
+    /// Reprojects an image set to the grid of its cameras. Pixels without depth are unknown; pixels
+    /// of infinite depth are at infinity.
     ///
     /// # Errors
-    /// [`FromImagesError`] of the first camera or picture that does not fit.
+    /// [`FromImagesError`] of the first camera or image that does not fit.
     pub fn from_images(
         set: &ImageSet,
         progress: &dyn Progress,
@@ -54,45 +53,45 @@ impl RawLumigraph {
         if let Some(view) = views.iter().find(|view| view.depth.is_none()) {
             return Err(FromImagesError::NoDepth(view.name.clone()));
         }
-        let stands: Vec<CameraPose> = views
+        let poses: Vec<CameraPose> = views
             .iter()
             .map(|view| CameraPose {
                 name: &view.name,
                 pose: view.color_pose(),
             })
             .collect();
-        let found = find_grid(&stands, &set.frame)?;
+        let fit = find_grid(&poses, &set.frame)?;
         let slopes = views
             .iter()
-            .map(|view| Slopes::of(view, &found))
+            .map(|view| Slopes::new(view, &fit))
             .collect::<Result<Vec<_>, _>>()?;
-        let (grid, notes) = common_images(&views, &slopes, &found)?;
+        let (grid, notes) = common_grid(&views, &slopes, &fit)?;
         progress.begin("images", "images", views.len() as u64);
         let picture = |place: usize| -> Result<RawPicture, FromImagesError> {
             check_cancelled(progress)?;
-            let loaded = views[found.cameras[place]].load()?;
+            let loaded = views[fit.cameras[place]].load()?;
             progress.advance(1);
             Ok(reproject(&loaded, &grid, place))
         };
-        let pictures: Vec<RawPicture> = (0..found.cameras.len())
+        let pictures: Vec<RawPicture> = (0..fit.cameras.len())
             .into_par_iter()
             .map(picture)
             .collect::<Result<_, _>>()?;
-        let raw = Self::new(grid, pictures, Environment::default());
-        let rounding = ROUNDING
-            * found
-                .columns
-                .iter()
-                .chain(&found.rows)
-                .fold(0.0, |most: f64, at| most.max(at.abs()));
-        let allowed_m = most_off_m(&raw).max(rounding);
-        let worst = (0..views.len()).max_by(|&a, &b| found.off_m[a].total_cmp(&found.off_m[b]));
-        match worst.filter(|&camera| found.off_m[camera] > allowed_m) {
+        let raw = Self {
+            grid,
+            pictures,
+            environment: Environment::default(),
+        };
+        let positions = fit.columns.iter().chain(&fit.rows);
+        let extent = positions.fold(0.0, |most: f64, at| most.max(at.abs()));
+        let allowed_m = max_offset_m(&raw).max(ROUNDING * extent);
+        let worst = (0..views.len()).max_by(|&a, &b| fit.off_m[a].total_cmp(&fit.off_m[b]));
+        match worst.filter(|&camera| fit.off_m[camera] > allowed_m) {
             None => Ok(FromImages { raw, notes }),
             Some(camera) => Err(FromImagesError::Off {
                 name: views[camera].name.clone(),
                 what: "its place in the plane, a row and a column",
-                off: found.off_m[camera] / set.frame.unit_m,
+                off: fit.off_m[camera] / set.frame.unit_m,
                 allowed: allowed_m / set.frame.unit_m,
                 why: "at which what it sees would be displaced by a pixel",
             }),
@@ -100,16 +99,16 @@ impl RawLumigraph {
     }
 }
 
-/// Largest distance of a camera from its grid position, metres. Its image is reprojected there for
-/// the depth of the grid's convergence; by the bound of a layer (Eq. 4), nearer and farther
-/// surfaces are then displaced.
-fn most_off_m(raw: &RawLumigraph) -> f64 {
+/// Returns the largest allowed distance of a camera from its grid position, metres. Its image is
+/// reprojected there for the depth of the grid's convergence; by the bound of a layer (Eq. 4),
+/// nearer and farther surfaces are then displaced.
+fn max_offset_m(raw: &RawLumigraph) -> f64 {
     let convergence = raw.grid().convergence();
     let apart = raw
         .range()
         .unwrap_or_default()
         .map(|disparity| (disparity - convergence).abs());
-    MOST_DISPLACED_PX / (raw.grid().focal_px() * apart[0].max(apart[1]))
+    MAX_DISPLACEMENT_PX / (raw.grid().focal_px() * apart[0].max(apart[1]))
 }
 
 /// Slopes (x and y per unit forward) in plane space of an image's centre and corners. Corners that
@@ -121,18 +120,15 @@ struct Slopes {
 }
 
 impl Slopes {
-    fn of(view: &View, found: &FoundGrid) -> Result<Self, FromImagesError> {
+    fn new(view: &View, fit: &GridFit) -> Result<Self, FromImagesError> {
         let Some(pinhole) = view.pinhole() else {
             return Err(FromImagesError::Panorama(view.name.clone()));
         };
-        let Pinhole {
-            focal_px: [across, down],
-            ..
-        } = pinhole;
-        let plane_from_eye = found.world_from_eye.transpose() * view.color_pose().world_from_eye;
+        let [across, down] = pinhole.focal_px;
+        let plane_from_eye = fit.world_from_eye.transpose() * view.color_pose().world_from_eye;
         let forward = (plane_from_eye * DVec3::NEG_Z).normalize();
         let degrees = (-forward.z).clamp(-1.0, 1.0).acos().to_degrees();
-        if degrees > MOST_TURNED_DEG {
+        if degrees > MAX_TURN_DEG {
             return Err(FromImagesError::Turned {
                 name: view.name.clone(),
                 degrees,
@@ -155,37 +151,36 @@ impl Slopes {
     }
 }
 
-/// The images that hold all that the pictures show: at the disparity at which the pictures' middles
-/// meet, with the median of their focal lengths.
-fn common_images(
+/// Chooses the grid whose images contain all images of the set: its convergence is the disparity at
+/// which the image centres meet, its focal length the median.
+fn common_grid(
     views: &[&View],
     slopes: &[Slopes],
-    found: &FoundGrid,
+    fit: &GridFit,
 ) -> Result<(CameraGrid, Vec<String>), FromImagesError> {
     let place = |place: usize| {
         DVec2::new(
-            found.columns[place % found.columns.len()],
-            found.rows[place / found.columns.len()],
+            fit.columns[place % fit.columns.len()],
+            fit.rows[place / fit.columns.len()],
         )
     };
     let pairs = || {
-        found
-            .cameras
+        fit.cameras
             .iter()
             .enumerate()
             .map(|(at, &camera)| (place(at), &slopes[camera]))
     };
     let count = views.len() as f64;
-    let (mean_place, mean_slope) = pairs().fold((DVec2::ZERO, DVec2::ZERO), |sum, (at, s)| {
+    let (mean_position, mean_slope) = pairs().fold((DVec2::ZERO, DVec2::ZERO), |sum, (at, s)| {
         (sum.0 + at / count, sum.1 + s.middle / count)
     });
-    // The line of middles over places, by least squares.
-    let products = pairs()
-        .map(|(at, s)| (at - mean_place).dot(s.middle - mean_slope))
-        .sum::<f64>();
-    let squares = pairs()
-        .map(|(at, _)| (at - mean_place).length_squared())
-        .sum::<f64>();
+    // Least-squares line of image centres over camera positions.
+    let products: f64 = pairs()
+        .map(|(at, s)| (at - mean_position).dot(s.middle - mean_slope))
+        .sum();
+    let squares: f64 = pairs()
+        .map(|(at, _)| (at - mean_position).length_squared())
+        .sum();
     let convergence = if squares > 0.0 {
         0.0 - products / squares
     } else {
@@ -194,19 +189,15 @@ fn common_images(
     let focal_px = median(slopes.iter().map(|s| s.focal_px)).unwrap_or(1.0);
     let mut half = DVec2::ZERO;
     for (at, s) in pairs() {
-        s.corners
-            .iter()
-            .for_each(|corner| half = half.max((*corner + at * convergence).abs() * focal_px));
+        for corner in &s.corners {
+            half = half.max((*corner + at * convergence).abs() * focal_px);
+        }
     }
-    let largest = |axis: usize| {
-        views
-            .iter()
-            .map(|view| view.size_px[axis])
-            .max()
-            .unwrap_or(1)
-    };
-    let most = [largest(0), largest(1)].map(|side| MOST_GROWTH * f64::from(side));
-    // What is beyond the last pixel by rounding needs no pixel.
+    let most = [0, 1].map(|axis| {
+        let largest = views.iter().map(|view| view.size_px[axis]).max();
+        MAX_GROWTH * f64::from(largest.unwrap_or(1))
+    });
+    // Rounding errors beyond the last pixel do not add a pixel.
     let wanted = [half.x, half.y].map(|half| (2.0 * half - 1e-3).ceil());
     let mut notes = Vec::new();
     let sees_back = slopes.iter().any(|s| s.corners.len() < 4);
@@ -224,16 +215,13 @@ fn common_images(
             wanted[axis].min(most[axis])
         }
     };
-    let size_px = [side(0), side(1)].map(|side| side as u32);
-    let (origin, world_from_eye) = (found.origin, found.world_from_eye);
-    let (columns, rows) = (found.columns.clone(), found.rows.clone());
     let parts = GridParts {
-        origin,
-        world_from_eye,
-        columns,
-        rows,
+        origin: fit.origin,
+        world_from_eye: fit.world_from_eye,
+        columns: fit.columns.clone(),
+        rows: fit.rows.clone(),
         focal_px,
-        size_px,
+        size_px: [side(0) as u32, side(1) as u32],
         convergence,
     };
     Ok((CameraGrid::new(parts)?, notes))

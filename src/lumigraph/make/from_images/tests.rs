@@ -79,7 +79,7 @@ fn shots_of(raw: &RawLumigraph) -> Vec<Shot> {
         color: picture.color.clone(),
         depth: picture.disparity.iter().map(|d| 1.0 / d).collect(),
     };
-    raw.pictures().iter().enumerate().map(shot).collect()
+    raw.pictures.iter().enumerate().map(shot).collect()
 }
 
 /// A plate with a dome on it before the sky, seen from 4x3 places that are unevenly spaced.
@@ -99,7 +99,7 @@ fn images_give_same_lumigraph_as_scene() {
     let raw = plate().raw();
     let mut shots = shots_of(&raw);
     let sky = raw
-        .pictures()
+        .pictures
         .iter()
         .flat_map(|p| &p.disparity)
         .filter(|d| **d == 0.0)
@@ -132,7 +132,7 @@ fn images_give_same_lumigraph_as_scene() {
             .iter()
             .all(|v| v.abs() < 1e-9)
     );
-    for (a, b) in found.pictures().iter().zip(raw.pictures()) {
+    for (a, b) in found.pictures.iter().zip(&raw.pictures) {
         assert!(a.color == b.color, "colours to the last bit");
         let differs = |(a, b): (&f32, &f32)| (a - b).abs() > 1e-6 * b;
         assert!(!a.disparity.iter().zip(&b.disparity).any(differs));
@@ -203,7 +203,7 @@ fn other_lenses_give_same_images() {
         .collect();
     let FromImages { raw, .. } = made_of(&shots).expect("a grid");
     let (mut pixels, mut off, mut known) = (0usize, 0usize, 0usize);
-    for (i, picture) in raw.pictures().iter().enumerate() {
+    for (i, picture) in raw.pictures.iter().enumerate() {
         let expected = smooth(&bed, raw.grid().camera(i % 3, i / 3));
         for ((color, disparity), (expected, depth)) in picture
             .color
