@@ -1,28 +1,27 @@
-//! Portal culling: visible cells, with the window of the frame through which each is seen; portals
-//! are clipped by portals (R1).
+//! Portal culling: visible cells, each with the window of the frame through which it is visible;
+//! portals are clipped by portals (R1).
 //!
-//! From the eye's cell, each portal's polygon is clipped by the *window* through which its cell is
-//! seen; what is left is the window of the cell behind, and so on. All of this happens on
+//! Starting from the eye's cell, each portal's polygon is clipped by the *window* through which its
+//! cell is visible; the result is the window of the cell behind, and so on. All clipping is on
 //! directions from the eye: a window is a convex cone with the eye as its apex, bounded by planes
-//! through the eye, so that nothing is divided, and a polygon that reaches behind the eye needs no
-//! special care. (Windows on the image plane would have to be clipped in front of the eye first.)
+//! through the eye. There is no division, and a polygon that extends behind the eye is no special
+//! case. (Windows on the image plane would need near-plane clipping first.)
 //!
 //! * The frame is the first window: a cone of four planes.
-//! * A portal that the eye all but touches has no cone that can be trusted: its plane's normal
-//!   decides only up to rounding. Such a portal passes the window on unclipped, which can show too
-//!   much, never too little.
-//! * A portal shows only from the side of the cell it is entered from.
+//! * A portal very close to the eye has no accurate cone, since rounding dominates the side test
+//!   of its plane. Such a portal passes the window on unclipped, which is conservative.
+//! * A portal is visible only from the side of the cell it is entered from.
 //! * Cycles: a cell is entered again only through a part of the frame; each step clips. As cones
 //!   only shrink, and a line of sight crosses each portal's plane once, no portal can occur twice
 //!   on a path; the path's portals are skipped, which bounds the recursion by the number of
-//!   portals. [`Limits`] bound it further, toward showing more.
+//!   portals. [`Limits`] bound it further.
 
+use crate::opening::polygon_edges;
 use glam::DVec3;
 use headbox_core::camera::Camera;
 use headbox_model::PortalModel;
 
-/// A convex cone of directions from the eye: those d with `plane . d >= 0` for all of its planes;
-/// with its edges, in order.
+/// A convex cone of directions from the eye: those d with `plane . d >= 0` for all of its planes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Window {
     /// Directions of the edges, world axes, any length, counter-clockwise seen from the eye.
@@ -40,45 +39,40 @@ impl Window {
         }
     }
 
-    /// The half spaces whose intersection it is: inward normals, unit length.
+    /// Returns the bounding planes: inward unit normals.
     fn planes(&self) -> impl Iterator<Item = DVec3> + '_ {
-        let next = self.edges.iter().cycle().skip(1);
-        self.edges
-            .iter()
-            .zip(next)
-            .filter_map(|(a, b)| b.cross(*a).try_normalize())
+        polygon_edges(&self.edges).filter_map(|(a, b)| b.cross(a).try_normalize())
     }
 
-    /// Returns true if it contains a direction, or misses it by at most `slack` (a sine).
+    /// Returns true if the window contains a direction, or misses it by at most `slack` (a sine).
     pub fn contains(&self, direction: DVec3, slack: f64) -> bool {
         let direction = direction.normalize_or_zero();
         self.planes().all(|plane| plane.dot(direction) >= -slack)
     }
 
-    /// The part of a convex polygon of directions, counter-clockwise seen from the eye, inside the
-    /// window; `None` if there is none (or it has no area).
+    /// Clips a convex polygon of directions, counter-clockwise seen from the eye, to the window;
+    /// `None` if no area is left.
     fn clip(&self, polygon: &[DVec3]) -> Option<Self> {
         let mut edges = polygon.to_vec();
         for plane in self.planes() {
-            let mut kept = Vec::with_capacity(edges.len() + 1);
-            for (i, &here) in edges.iter().enumerate() {
-                let there = edges[(i + 1) % edges.len()];
-                // Grown by a hair: rounding shall never close a window.
+            let mut clipped = Vec::with_capacity(edges.len() + 1);
+            for (here, there) in polygon_edges(&edges) {
+                // The window is enlarged slightly, so that rounding never closes it.
                 let [a, b] = [here, there].map(|d| plane.dot(d) + SLACK * d.length());
                 if a >= 0.0 {
-                    kept.push(here);
+                    clipped.push(here);
                 }
                 if (a >= 0.0) != (b >= 0.0) {
-                    kept.push(here + (there - here) * (a / (a - b)));
+                    clipped.push(here + (there - here) * (a / (a - b)));
                 }
             }
-            edges = kept;
+            edges = clipped;
         }
         (edges.len() >= 3).then_some(Self { edges })
     }
 
-    /// The smallest rectangle of pixels, columns and rows, that holds every pixel whose centre the
-    /// window can contain.
+    /// Returns a rectangle of pixels, columns and rows, that contains every pixel whose centre is
+    /// in the window.
     pub fn rectangle(&self, camera: &Camera) -> [std::ops::Range<u32>; 2] {
         let size = [camera.width(), camera.height()];
         let points: Option<Vec<[f64; 3]>> = self
@@ -86,34 +80,34 @@ impl Window {
             .iter()
             .map(|d| camera.project(camera.eye() + *d))
             .collect();
-        // An edge beside or behind the eye: it bounds nothing.
+        // An edge beside or behind the eye does not bound the rectangle.
         let Some(points) =
             points.filter(|points| points.iter().all(|p| p[0].is_finite() && p[1].is_finite()))
         else {
             return size.map(|pixels| 0..pixels);
         };
         [0, 1].map(|axis| {
-            let of_axis = || points.iter().map(move |p| p[axis]);
-            let first = of_axis().fold(f64::INFINITY, f64::min).floor() - 1.0;
-            let last = of_axis().fold(f64::NEG_INFINITY, f64::max).ceil() + 1.0;
+            let positions = || points.iter().map(move |p| p[axis]);
+            let first = positions().fold(f64::INFINITY, f64::min).floor() - 1.0;
+            let last = positions().fold(f64::NEG_INFINITY, f64::max).ceil() + 1.0;
             let clamp = |v: f64| v.clamp(0.0, f64::from(size[axis])) as u32;
             clamp(first)..clamp(last)
         })
     }
 }
 
-/// Windows are wider than they are by this sine: some thousandths of a pixel.
+/// Enlargement of windows (a sine): some thousandths of a pixel.
 const SLACK: f64 = 1e-5;
 
 /// Limits of the recursion.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limits {
-    /// Portals on one line of sight. Beyond, nothing is shown: a house of 19 cells has no line of
-    /// sight through more.
+    /// Maximum number of portals on a line of sight. Cells behind more are not visible: a house of
+    /// 19 cells has no line of sight through more.
     pub depth: usize,
-    /// Views in all. Beyond, portals are no longer followed.
+    /// Maximum number of views. Then portals are no longer followed.
     pub views: usize,
-    /// A portal nearer to the eye than this, metres, is passed unclipped.
+    /// Distance below which a portal is passed unclipped, metres.
     pub touching_m: f64,
 }
 
@@ -127,30 +121,30 @@ impl Default for Limits {
     }
 }
 
-/// A cell as it shows through one sequence of portals.
+/// A cell seen through a sequence of portals.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CellView {
     /// The cell.
     pub cell: u32,
-    /// The portals on the way, from the eye on; none for the eye's own cell.
+    /// Portals from the eye to the cell; none for the eye's own cell.
     pub portals: Vec<u32>,
-    /// Remaining part of the frame.
+    /// Part of the frame in which the cell is visible.
     pub window: Window,
 }
 
-/// Effect of a portal on a window.
+/// Visibility of a portal from the eye.
 enum PortalVisibility {
-    /// It shows nothing.
+    /// Seen from behind, or without area.
     Closed,
-    /// It is too near for its outline to be trusted.
+    /// Too near for an accurate outline.
     Touching,
-    /// Directions of its corners, counter-clockwise seen from the eye.
+    /// Visible: directions of its corners, counter-clockwise seen from the eye.
     Outline(Vec<DVec3>),
 }
 
-/// The cells that show from `eye_cell`, the eye's own first, then in the order of a depth-first
-/// search, portals by index. `open` says whether a portal may be passed out of a cell: a
-/// walkthrough stops where an image takes over.
+/// Returns the cells that are visible from `eye_cell`: the eye's own first, then in depth-first
+/// order, portals by index. `open` returns true if a portal may be passed out of a cell: a walk
+/// stops where a backdrop begins.
 pub fn visible_cells(
     model: &PortalModel,
     camera: &Camera,
@@ -176,7 +170,7 @@ pub fn visible_cells(
                 if view.portals.contains(&number) {
                     continue;
                 }
-                let window = match passage(model, camera.eye(), portal, view.cell, limits) {
+                let window = match visibility(model, camera.eye(), portal, view.cell, limits) {
                     PortalVisibility::Closed => None,
                     PortalVisibility::Touching => Some(view.window.clone()),
                     PortalVisibility::Outline(outline) => view.window.clip(&outline),
@@ -198,8 +192,8 @@ pub fn visible_cells(
     views
 }
 
-/// Tests how a portal of `cell` is seen from a point in the cell.
-fn passage(
+/// Determines the visibility of a portal of `cell` from an eye in the cell.
+fn visibility(
     model: &PortalModel,
     eye: DVec3,
     portal: usize,
@@ -211,13 +205,8 @@ fn passage(
     if portal.cells[0] != cell {
         outline.reverse();
     }
-    // Newell's normal, which points back to the cell: its length is twice the area.
-    let next = outline.iter().cycle().skip(1);
-    let normal = outline
-        .iter()
-        .zip(next)
-        .map(|(a, b)| a.cross(*b))
-        .sum::<DVec3>();
+    // Newell's normal, towards the cell; its length is twice the area.
+    let normal: DVec3 = polygon_edges(&outline).map(|(a, b)| a.cross(b)).sum();
     let (Some(normal), Some(corner)) = (normal.try_normalize(), outline.first()) else {
         return PortalVisibility::Closed;
     };
@@ -234,13 +223,12 @@ fn passage(
     }
 }
 
-/// Distance of the origin from a convex polygon, counter-clockwise seen from where its unit normal
-/// points, in its plane.
+/// Returns the distance of the origin's projection from a convex polygon, in the polygon's plane.
+/// The polygon is counter-clockwise about its unit normal.
 fn distance_to_outline(outline: &[DVec3], normal: DVec3) -> f64 {
-    let next = outline.iter().cycle().skip(1);
-    let outside = outline.iter().zip(next).filter_map(|(a, b)| {
-        let outward = (*b - *a).cross(normal).try_normalize()?;
-        Some(-outward.dot(*a))
+    let outside = polygon_edges(outline).filter_map(|(a, b)| {
+        let outward = (b - a).cross(normal).try_normalize()?;
+        Some(-outward.dot(a))
     });
     outside.fold(0.0, f64::max)
 }

@@ -1,18 +1,17 @@
-//! The `.house` file: a portal model with what was captured behind its portals.
+//! The `.house` file: a portal model with the backdrops behind its portals.
 //!
-//! Sections: `info` (JSON: a [`HouseHeader`], with a header per capture), the scene's arrays as
-//! they lie in memory (`positions` f64, `normals`, `texcoords` and `colors` f32, `triangles` u32,
-//! four each: corners and material), `texels` (RGBA8, texture after texture), `sky` (f32, three a
-//! texel) where the sky is a picture, and a section per capture, `c` and its number: a cube's
-//! environment, segments and pictures on planes, or textures.
+//! Sections: `info` (JSON: a [`HouseHeader`], with a header per backdrop), the scene's arrays as in
+//! memory (`positions` f64, `normals`, `texcoords` and `colors` f32, `triangles` u32, four each:
+//! corners and material), `texels` (RGBA8, texture after texture), `sky` (f32, three per texel) if
+//! the sky is an image, and a section per backdrop, `c` and its number: a cube's environment,
+//! segments and plane textures, or textures.
 //!
-//! Version 2 is for houses with pictures on planes; one without is written as version 1.
+//! Version 2 is for houses with plane textures; others are written as version 1.
 
 use super::backdrop::{
     Backdrop, BackdropKind, BackdropQuality, PortalSide, PortalSprite, TextureSet,
 };
 use super::house::{House, HouseError};
-use super::opening::Opening;
 use super::store::{Key, Store};
 use glam::{DVec2, DVec3, Vec3};
 use headbox_core::container::{Container, ContainerWriter, FileError, FileKind, Section};
@@ -28,26 +27,26 @@ use serde::{Deserialize, Serialize};
 use std::path::Path;
 use std::sync::Arc;
 
-/// A walkable house.
+/// Kind of the `.house` file.
 pub const HOUSE_FILE: FileKind = FileKind::HOUSE;
 
-/// Why a house could not be read.
+/// Error of reading a house.
 #[derive(Debug, thiserror::Error)]
 pub enum HouseFileError {
-    /// The file is not what it must be.
+    /// The file cannot be read, or is damaged.
     #[error(transparent)]
     File(#[from] FileError),
-    /// The house in the file cannot be walked.
+    /// The model in the file is invalid.
     #[error("{}: {source}", path.display())]
     House {
         /// The file.
         path: std::path::PathBuf,
-        /// Why.
+        /// Cause.
         source: HouseError,
     },
 }
 
-/// All of a file but its arrays.
+/// Content of a file except its arrays.
 #[derive(Serialize, Deserialize)]
 struct HouseHeader {
     name: String,
@@ -55,7 +54,7 @@ struct HouseHeader {
     frame: FileFrame,
     sun: Option<(Vec3, [f32; 3], f32)>,
     sky: Option<[[f32; 3]; 3]>,
-    /// Columns and rows of a picture in its place, and by how many degrees it is turned.
+    /// Size of a sky image (columns, rows) and its rotation, degrees; it replaces `sky`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     sky_picture: Option<([u32; 2], f64)>,
     headbox: Option<(DVec3, f64)>,
@@ -114,7 +113,7 @@ enum Content {
     Sprite(SpriteHeader),
 }
 
-/// Writes a house and the backdrops that a store holds, whole or not at all.
+/// Writes a house and the backdrops of a store, completely or not at all.
 ///
 /// # Errors
 /// [`FileError::Io`].
@@ -127,7 +126,7 @@ pub fn write(
     let captures = store.all();
     let names: Vec<String> = (0..captures.len()).map(section_name).collect();
     let scene: &Scene = house.scene();
-    let header = header(house, quality, &captures);
+    let header = create_header(house, quality, &captures);
     let version = if captures.iter().any(|(_, backdrop)| backdrop.has_planes()) {
         2
     } else {
@@ -138,36 +137,24 @@ pub fn write(
         ..HOUSE_FILE
     });
     writer.section("info", move || Ok(serde_json::to_vec(&header)?));
-    writer.section("positions", || {
-        Ok(bytemuck::cast_slice(&scene.positions).to_vec())
-    });
-    writer.section("normals", || {
-        Ok(bytemuck::cast_slice(&scene.normals).to_vec())
-    });
-    writer.section("texcoords", || {
-        Ok(bytemuck::cast_slice(&scene.texcoords).to_vec())
-    });
-    writer.section(
-        "colors",
-        || Ok(bytemuck::cast_slice(&scene.colors).to_vec()),
-    );
-    let triangle = |t: &Triangle| [t.vertices[0], t.vertices[1], t.vertices[2], t.material];
+    write_array(&mut writer, "positions", &scene.positions);
+    write_array(&mut writer, "normals", &scene.normals);
+    write_array(&mut writer, "texcoords", &scene.texcoords);
+    write_array(&mut writer, "colors", &scene.colors);
     writer.section("triangles", || {
-        Ok(
-            bytemuck::cast_slice(&scene.triangles.iter().map(triangle).collect::<Vec<_>>())
-                .to_vec(),
-        )
+        let numbers = |t: &Triangle| [t.vertices[0], t.vertices[1], t.vertices[2], t.material];
+        let triangles: Vec<_> = scene.triangles.iter().map(numbers).collect();
+        Ok(bytemuck::cast_slice(&triangles).to_vec())
     });
     writer.section("texels", || {
-        Ok(scene
+        let texels = scene
             .textures
             .iter()
-            .flat_map(|t| bytemuck::cast_slice::<_, u8>(t.texels()))
-            .copied()
-            .collect())
+            .flat_map(|t| t.texels().as_flattened());
+        Ok(texels.copied().collect())
     });
     if let Some(Sky::Picture(picture)) = &scene.sky {
-        writer.section(SKY, || Ok(bytemuck::cast_slice(picture.texels()).to_vec()));
+        write_array(&mut writer, SKY, picture.texels());
     }
     for (name, (_, backdrop)) in names.iter().zip(&captures) {
         writer.section(name, || {
@@ -185,7 +172,7 @@ pub fn write(
     writer.write(path)
 }
 
-/// Reads a house and its backdrops. Everything is checked, so that what is returned can be walked.
+/// Reads a house and its backdrops, and checks them, so that the house can be walked.
 ///
 /// # Errors
 /// See [`HouseFileError`].
@@ -198,7 +185,7 @@ pub fn read(
     let mut header: HouseHeader = info.json()?;
     let captures = std::mem::take(&mut header.captures);
     let quality = header.quality;
-    let model = model(&file, &info, header)?;
+    let model = read_model(&file, &info, header)?;
     let house = House::new(model).map_err(|source| HouseFileError::House {
         path: path.into(),
         source,
@@ -206,20 +193,20 @@ pub fn read(
     let store = Store::new(budget_bytes);
     for (number, record) in captures.into_iter().enumerate() {
         let key = (record.at, record.kind);
-        let backdrop = capture(file.section(&section_name(number))?, &info, &house, record)?;
+        let backdrop = read_backdrop(file.section(&section_name(number))?, &info, &house, record)?;
         store.insert(key, Arc::new(backdrop));
     }
     Ok((house, store, quality))
 }
 
-/// Section of the picture of the sky, where there is one.
+/// Section of the sky image.
 const SKY: &str = "sky";
 
 fn section_name(number: usize) -> String {
     format!("c{number}")
 }
 
-fn header(
+fn create_header(
     house: &House,
     quality: &BackdropQuality,
     captures: &[(Key, Arc<Backdrop>)],
@@ -295,8 +282,17 @@ fn header(
     }
 }
 
-/// A section of one array.
-fn array<T: bytemuck::Pod>(
+/// Adds a section of one array.
+fn write_array<'a, T: bytemuck::NoUninit>(
+    writer: &mut ContainerWriter<'a>,
+    name: &'a str,
+    values: &'a [T],
+) {
+    writer.section(name, || Ok(bytemuck::cast_slice(values).to_vec()));
+}
+
+/// Reads a section of one array.
+fn read_array<T: bytemuck::Pod>(
     file: &Container,
     name: &str,
     count: usize,
@@ -307,23 +303,23 @@ fn array<T: bytemuck::Pod>(
     Ok(values)
 }
 
-fn picture_of_sky(
+fn read_sky(
     file: &Container,
     info: &Section,
     (size, turn_deg): ([u32; 2], f64),
 ) -> Result<Sky, FileError> {
-    let texels = array(
-        file,
-        SKY,
-        (size[0] as usize).saturating_mul(size[1] as usize),
-    )?;
-    let picture = SkyPicture::new(size, texels, turn_deg);
-    let picture =
-        picture.map_err(|error| info.damaged("a picture of the sky", error.to_string()))?;
-    Ok(Sky::Picture(Arc::new(picture)))
+    let count = (size[0] as usize).saturating_mul(size[1] as usize);
+    let picture = SkyPicture::new(size, read_array(file, SKY, count)?, turn_deg);
+    picture
+        .map(|picture| Sky::Picture(Arc::new(picture)))
+        .map_err(|error| info.damaged("a picture of the sky", error.to_string()))
 }
 
-fn model(file: &Container, info: &Section, header: HouseHeader) -> Result<PortalModel, FileError> {
+fn read_model(
+    file: &Container,
+    info: &Section,
+    header: HouseHeader,
+) -> Result<PortalModel, FileError> {
     if !header.frame.is_sane() {
         return Err(info.damaged(
             "a unit between 1e-9 and 1e9 m",
@@ -331,20 +327,15 @@ fn model(file: &Container, info: &Section, header: HouseHeader) -> Result<Portal
         ));
     }
     let count = header.triangles;
-    let cell_ends = header.cells.iter().map(|cell| cell.triangles);
-    if let Some(run) = cell_ends
-        .into_iter()
-        .find(|&[start, end]| start > end || end as usize > count)
-    {
+    let mut runs = header.cells.iter().map(|cell| cell.triangles);
+    if let Some(run) = runs.find(|&[start, end]| start > end || end as usize > count) {
         return Err(info.damaged(
             format!("cells with some of {count} triangles"),
             format!("{run:?}"),
         ));
     }
-    let outside = header
-        .outside
-        .filter(|&outside| (outside as usize) < header.cells.len());
-    if outside != header.outside {
+    let is_cell = |&cell: &u32| (cell as usize) < header.cells.len();
+    if !header.outside.iter().all(is_cell) {
         return Err(info.damaged("an outside that is a cell", format!("{:?}", header.outside)));
     }
     let triangle = |[a, b, c, material]: [u32; 4]| Triangle {
@@ -364,12 +355,8 @@ fn model(file: &Container, info: &Section, header: HouseHeader) -> Result<Portal
     };
     let mut texels = file.section("texels")?;
     let textures = header.textures.iter().map(|&[width, height]| {
-        let texture = Texture::new(
-            width,
-            height,
-            texels.array((width as usize).saturating_mul(height as usize))?,
-        );
-        texture.ok_or_else(|| {
+        let texels = texels.array((width as usize).saturating_mul(height as usize))?;
+        Texture::new(width, height, texels).ok_or_else(|| {
             info.damaged(
                 "textures of at least one texel",
                 format!("{width}x{height}"),
@@ -387,16 +374,16 @@ fn model(file: &Container, info: &Section, header: HouseHeader) -> Result<Portal
     });
     let sky = header
         .sky_picture
-        .map(|header| picture_of_sky(file, info, header))
+        .map(|header| read_sky(file, info, header))
         .transpose()?
         .or(gradient);
     let scene = Scene {
         name: header.name,
-        positions: array(file, "positions", header.positions)?,
-        normals: array(file, "normals", header.normals)?,
-        texcoords: array(file, "texcoords", header.texcoords)?,
-        colors: array(file, "colors", header.colors)?,
-        triangles: array(file, "triangles", count)?
+        positions: read_array(file, "positions", header.positions)?,
+        normals: read_array(file, "normals", header.normals)?,
+        texcoords: read_array(file, "texcoords", header.texcoords)?,
+        colors: read_array(file, "colors", header.colors)?,
+        triangles: read_array(file, "triangles", count)?
             .into_iter()
             .map(triangle)
             .collect(),
@@ -436,20 +423,19 @@ fn model(file: &Container, info: &Section, header: HouseHeader) -> Result<Portal
         scene,
         cells: header.cells.into_iter().map(cell).collect(),
         portals: header.portals.into_iter().map(portal).collect(),
-        outside,
+        outside: header.outside,
     };
     model.scene.summary.notes = header.notes;
     Ok(model)
 }
 
-fn capture(
+fn read_backdrop(
     mut section: Section,
     info: &Section,
     house: &House,
     record: CaptureRecord,
 ) -> Result<Backdrop, FileError> {
-    let opening: Option<Opening> = record.at.opening(house);
-    let opening = opening.ok_or_else(|| {
+    let opening = record.at.opening(house).ok_or_else(|| {
         info.damaged(
             "captures of portals that exist",
             format!("portal {}", record.at.portal),

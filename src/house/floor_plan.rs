@@ -1,38 +1,41 @@
 //! Floor plan of a portal model as SVG: rooms, walls and numbered portals.
 
+use super::opening::polygon_edges;
 use glam::{DVec2, DVec3};
 use headbox_core::drawing::svg::{Svg, TextStyle, text_width};
 use headbox_model::{Cell, Portal, PortalModel, Prism};
 
 /// Width of a drawing, pixels; its height follows from the plan.
 const WIDTH_PX: f64 = 1600.0;
-/// Room around the plan, pixels.
+/// Margin around the plan, pixels.
 const MARGIN_PX: f64 = 40.0;
-/// A plan is drawn no higher than this, pixels.
+/// Maximum height of a drawing, pixels.
 const HIGHEST_PX: f64 = 2400.0;
 
-/// Half of the side of the square that carries a portal's number, pixels.
+/// Half side of the box around a portal's number, pixels.
 const LABEL_PX: f64 = 9.0;
 
-/// Size of a room's name, pixels, and from line to line.
+/// Font size of a room's name, pixels.
 const NAME_PX: f64 = 19.0;
+/// Line spacing of a room's name, pixels.
 const LINE_PX: f64 = 22.0;
-/// Size of a portal's number, pixels.
+/// Font size of a portal's number, pixels.
 const NUMBER_PX: f64 = 13.0;
 
-/// Surfaces this steep (the cosine of their normal with the vertical below it) are walls and
-/// furniture.
+/// Steepness of walls and furniture: surfaces whose normal has a cosine with the vertical above 1
+/// minus this are floors or ceilings.
 const STEEP: f64 = 0.3;
 
-/// Distance below the cut at which low furniture is cut, metres.
+/// Distance of the lower cut, through low furniture, below the main cut, metres.
 const LOWER_M: f64 = 0.75;
-/// A portal may begin so far above the cut and still belong to the storey, metres: a high window.
+/// Largest height of a portal's lower edge above the cut, metres: a high window still belongs to
+/// the storey.
 const HIGH_M: f64 = 0.9;
-/// A portal no thicker than this is a hatch, metres, in the ceiling or in the floor: so far above
-/// the cut, and below it.
+/// Height below which a portal is a hatch in a ceiling or floor, metres.
 const LEVEL_M: f64 = 0.1;
+/// Largest distance of a hatch of the storey above and below the cut, metres.
 const HATCH_M: [f64; 2] = [2.0, 1.2];
-/// Colours of the lower cut and of the cut.
+/// Colours of the lower cut and of the main cut.
 const CUT_COLORS: [[u8; 3]; 2] = [[165; 3], [40; 3]];
 
 /// Drawing of a portal model; positions are pixels from the upper left corner.
@@ -40,15 +43,14 @@ const CUT_COLORS: [[u8; 3]; 2] = [[165; 3], [40; 3]];
 pub struct FloorPlan {
     size: DVec2,
     rooms: Vec<Room>,
-    /// Line segments of the cut at the given height and, before these, of a lower one that shows
-    /// low furniture.
+    /// Line segments of the lower cut, through low furniture, and of the main cut.
     cuts: [Vec<[DVec2; 2]>; 2],
     openings: Vec<PlanOpening>,
 }
 
 #[derive(Clone, Debug, PartialEq)]
 struct Room {
-    /// Its name in lines that fit into it.
+    /// Name, broken into lines that fit into the room.
     name: Vec<String>,
     outlines: Vec<Vec<DVec2>>,
     label: DVec2,
@@ -63,12 +65,13 @@ struct PlanOpening {
     to_outside: bool,
 }
 
-/// Floors closer to each other than this belong to one storey, metres.
+/// Height difference below which floors belong to one storey, metres.
 const STOREY_M: f64 = 1.5;
 
-/// Heights of the floors of a model's storeys, world metres, from below; 0 if it has no rooms.
+/// Returns the floor heights of a model's storeys, world metres, ascending; 0 alone if it has no
+/// rooms.
 pub fn storeys(model: &PortalModel) -> Vec<f64> {
-    // Of each room the lowest part: others are niches of windows.
+    // The lowest part of each room: others are window niches.
     let floor = |cell: &Cell| {
         cell.space
             .iter()
@@ -92,29 +95,21 @@ pub fn storeys(model: &PortalModel) -> Vec<f64> {
 }
 
 impl FloorPlan {
-    /// Draws up the plan of the storey that a level plane `cut_y` metres above the world's origin
-    /// cuts (a metre above the floor shows walls, windows and high furniture; low furniture is
-    /// shown paler): rooms and portals that it passes through. Portals carry their index as a
-    /// number. All plans of a model have one scale and place.
+    /// Creates the plan of the storey at a horizontal cut `cut_y` metres above the world's origin:
+    /// the rooms and portals that the cut passes through. A cut a metre above the floor shows
+    /// walls, windows and high furniture; low furniture is paler. Portals are labelled with their
+    /// index. All plans of a model have the same scale and position.
     pub fn new(model: &PortalModel, cut_y: f64) -> Self {
-        let spaces = || {
-            model
-                .cells
-                .iter()
-                .flat_map(|cell| cell.space.iter().flat_map(|prism| &prism.outline))
-        };
-        let openings = || {
-            model
-                .portals
-                .iter()
-                .flat_map(|portal| portal.polygon.iter().map(in_plan))
-        };
+        let prisms = model.cells.iter().flat_map(|cell| &cell.space);
+        let spaces = prisms.flat_map(|prism| &prism.outline);
+        let openings = model
+            .portals
+            .iter()
+            .flat_map(|portal| portal.polygon.iter().map(in_plan));
         let on_storey = |portal: &Portal| {
             let heights = || portal.polygon.iter().map(|p| p.y);
-            let [low, high] = [
-                heights().fold(f64::INFINITY, f64::min),
-                heights().fold(f64::NEG_INFINITY, f64::max),
-            ];
+            let low = heights().fold(f64::INFINITY, f64::min);
+            let high = heights().fold(f64::NEG_INFINITY, f64::max);
             let [above, below] = if high - low < LEVEL_M {
                 HATCH_M
             } else {
@@ -122,16 +117,11 @@ impl FloorPlan {
             };
             low <= cut_y + above && high >= cut_y - below
         };
-        let bounds = |points: &mut dyn Iterator<Item = DVec2>| {
-            points.fold([DVec2::INFINITY, DVec2::NEG_INFINITY], |[low, high], p| {
+        let corners = spaces.copied().chain(openings).filter(|p| p.is_finite());
+        let [mut low, mut high] = corners
+            .fold([DVec2::INFINITY, DVec2::NEG_INFINITY], |[low, high], p| {
                 [low.min(p), high.max(p)]
-            })
-        };
-        let mut corners = spaces()
-            .copied()
-            .chain(openings())
-            .filter(|p| p.is_finite());
-        let [mut low, mut high] = bounds(&mut corners);
+            });
         if !(low.is_finite() && high.is_finite()) {
             [low, high] = model.scene.bounds().map(|p| in_plan(&p));
         }
@@ -183,9 +173,9 @@ impl FloorPlan {
     pub fn to_svg(&self) -> String {
         let mut svg = Svg::new(self.size, "floor plan");
         for room in &self.rooms {
-            room.outlines
-                .iter()
-                .for_each(|outline| svg.polygon(outline, room.color));
+            for outline in &room.outlines {
+                svg.polygon(outline, room.color);
+            }
         }
         for (cut, color) in self.cuts.iter().zip(CUT_COLORS) {
             svg.lines(cut, color, 0.8);
@@ -233,7 +223,7 @@ fn text(svg: &mut Svg, text: &str, center: DVec2, size: f64, color: [u8; 3], hal
 }
 
 impl Room {
-    /// The lines of its name, and the middle of each.
+    /// Returns the lines of the name, each with its centre.
     fn lines(&self) -> impl Iterator<Item = (&str, DVec2)> {
         let middle = (self.name.len() as f64 - 1.0) / 2.0;
         let place = move |line: usize| self.label + DVec2::Y * (line as f64 - middle) * LINE_PX;
@@ -254,7 +244,7 @@ impl PlanOpening {
     }
 }
 
-/// The (x, z) of a point of the world.
+/// Projects a point to the plan: (x, z).
 fn in_plan(p: &DVec3) -> DVec2 {
     DVec2::new(p.x, p.z)
 }
@@ -264,22 +254,22 @@ fn room(index: usize, name: &str, space: &[Prism], to_px: impl Fn(DVec2) -> DVec
         .iter()
         .map(|prism| prism.outline.iter().map(|&p| to_px(p)).collect())
         .collect();
-    let label = label_place(outlines.first()?);
+    let label = label_position(outlines.first()?);
     let [left, right] = [f64::min, f64::max]
         .map(|pick| outlines[0].iter().map(|p| p.x).reduce(pick).unwrap_or(0.0));
-    // Pale colours that differ between neighbours in the list: hues by the golden angle.
+    // Pale colours that differ between adjacent indices: hues in steps of the golden angle.
     let hue = index as f64 * 2.399_963;
     let channel = |shift: f64| (228.0 + 24.0 * (hue + shift).cos()) as u8;
     Some(Room {
-        name: in_lines(name, right - left),
+        name: break_lines(name, right - left),
         outlines,
         label,
         color: [channel(0.0), channel(2.1), channel(4.2)],
     })
 }
 
-/// A name in as few lines as fit into a width, pixels, broken at spaces.
-fn in_lines(name: &str, width: f64) -> Vec<String> {
+/// Breaks a name at spaces into lines that fit into a width, pixels.
+fn break_lines(name: &str, width: f64) -> Vec<String> {
     let fits = |line: &str| text_width(line, NAME_PX) <= width - NAME_PX / 2.0;
     let mut lines: Vec<String> = Vec::new();
     for word in name.split_whitespace() {
@@ -294,8 +284,9 @@ fn in_lines(name: &str, width: f64) -> Vec<String> {
     lines
 }
 
-/// A place for a name: of a lattice of points in an outline, the one farthest from its border.
-fn label_place(outline: &[DVec2]) -> DVec2 {
+/// Returns the position of a name: the lattice point in an outline that is farthest from its
+/// border.
+fn label_position(outline: &[DVec2]) -> DVec2 {
     const LATTICE: usize = 24;
     let low = outline.iter().copied().fold(DVec2::INFINITY, DVec2::min);
     let high = outline
@@ -312,24 +303,24 @@ fn label_place(outline: &[DVec2]) -> DVec2 {
         low + (high - low) * share
     });
     let inside = points.filter(|p| prism.contains(DVec3::new(p.x, 0.5, p.y)));
-    // Names are wide: distances along x count less. Of places as good as each other, the most
-    // central.
+    // Names are wide, so that distances along x count less. Among equal positions the most central
+    // wins.
     let middle = (low + high) / 2.0;
-    let room = |p: &DVec2| {
-        let edges = outline.iter().zip(outline.iter().cycle().skip(1));
-        edges
-            .map(|(&a, &b)| distance_to_edge(*p, a, b))
+    let clearance = |p: &DVec2| {
+        polygon_edges(outline)
+            .map(|(a, b)| distance_to_edge(*p, a, b))
             .fold(f64::INFINITY, f64::min)
             - 0.05 * p.distance(middle)
     };
     inside
-        .max_by(|a, b| room(a).total_cmp(&room(b)))
-        .unwrap_or((low + high) / 2.0)
+        .max_by(|a, b| clearance(a).total_cmp(&clearance(b)))
+        .unwrap_or(middle)
 }
 
+/// Returns the distance of a point from an edge, with distances along x weighted less.
 fn distance_to_edge(p: DVec2, a: DVec2, b: DVec2) -> f64 {
-    const X_COUNTS: DVec2 = DVec2::new(0.4, 1.0);
-    let [p, a, b] = [p, a, b].map(|p| p * X_COUNTS);
+    const WEIGHTS: DVec2 = DVec2::new(0.4, 1.0);
+    let [p, a, b] = [p, a, b].map(|p| p * WEIGHTS);
     let along =
         ((p - a).dot(b - a) / (b - a).length_squared().max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
     p.distance(a.lerp(b, along))
@@ -342,7 +333,7 @@ fn opening(
     to_px: impl Fn(DVec2) -> DVec2,
 ) -> PlanOpening {
     let corners: Vec<DVec2> = portal.polygon.iter().map(in_plan).collect();
-    // The two corners that are farthest apart: a level portal is drawn as its diagonal.
+    // The two corners that are farthest apart: a horizontal portal is drawn as its diagonal.
     let pairs = corners
         .iter()
         .flat_map(|a| corners.iter().map(move |b| [*a, *b]));
@@ -350,12 +341,11 @@ fn opening(
         .max_by(|a, b| a[0].distance(a[1]).total_cmp(&b[0].distance(b[1])))
         .unwrap_or_default()
         .map(to_px);
-    let to_outside = portal.cells.iter().any(|&cell| model.outside == Some(cell));
     PlanOpening {
         number: index.to_string(),
         ends,
         label: (ends[0] + ends[1]) / 2.0,
-        to_outside,
+        to_outside: portal.cells.iter().any(|&cell| model.outside == Some(cell)),
     }
 }
 

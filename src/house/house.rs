@@ -1,4 +1,4 @@
-//! A portal model made ready to be walked: its scene in the tracer and in the rasteriser.
+//! Portal model prepared for walking: its scene in the tracer and in the rasteriser.
 
 use super::opening::Opening;
 use glam::{DVec3, Vec3};
@@ -13,13 +13,13 @@ use headbox_trace::light::Lighting;
 use std::path::Path;
 use std::sync::Arc;
 
-/// A portal model, its geometry as groups of triangles (group = cell), and the tree over it.
+/// A portal model with its geometry as groups of triangles (one per cell), and the BVH over it.
 ///
-/// Light is taken as baked: what a surface shows is its albedo, vertex colour included, plus its
+/// Light is baked: the radiance of a surface is its albedo, including vertex colours, plus its
 /// emission.
 #[derive(Debug)]
 pub struct House {
-    /// Cells and portals; its scene is empty, for it is in the tracer.
+    /// Cells and portals; the scene of the model has moved to the tracer.
     plan: PortalModel,
     tracer: Tracer,
     mesh: RasterMesh,
@@ -27,19 +27,19 @@ pub struct House {
     sky: Environment,
 }
 
-/// Why a model cannot be walked.
+/// Error of preparing a model.
 #[derive(Debug, thiserror::Error)]
 pub enum HouseError {
     /// The model cannot be loaded.
     #[error(transparent)]
     Load(#[from] LoadError),
-    /// The scene breaks one of its promises.
+    /// The scene is invalid.
     #[error("the model's scene is invalid: {0}")]
     Scene(#[from] SceneError),
     /// There is no cell.
     #[error("the model has no cells: nothing can be walked")]
     NoCells,
-    /// A portal refers to a cell that does not exist, or twice to one.
+    /// A portal refers to a cell that does not exist, or to the same cell twice.
     #[error(
         "portal {portal} joins the cells {cells:?}; it must join two different ones of {count}"
     )]
@@ -56,12 +56,12 @@ pub enum HouseError {
     PortalShape(usize),
 }
 
-/// Triangles of `builtin:house`.
+/// Number of triangles of `builtin:house`.
 const BUILTIN_TRIANGLES: usize = 60_000;
 
 impl House {
     /// Opens a portal model, a `.toml` file or a Sweet Home 3D home (`.sh3d`, `Home.xml`), or
-    /// `builtin:house`, with its colours as they are (`headbox_model::bake` puts light into them).
+    /// `builtin:house`, without baking light (see `headbox_model::bake`).
     ///
     /// # Errors
     /// [`HouseError`].
@@ -81,8 +81,8 @@ impl House {
     /// Prepares a model.
     ///
     /// # Errors
-    /// [`HouseError`]; what else the model's own checks find (non-planar portals, leaks) only makes
-    /// the picture wrong.
+    /// [`HouseError`]. Other defects that the model's own checks report (non-planar portals, leaks)
+    /// only cause errors in the image.
     pub fn new(mut model: PortalModel) -> Result<Self, HouseError> {
         model.scene.validate()?;
         if model.cells.is_empty() {
@@ -110,39 +110,38 @@ impl House {
             .map(|cell| cell.triangles.clone())
             .collect();
         let mesh = RasterMesh::new(Arc::clone(&scene), &groups, origin);
-        let tracer = Tracer::new(Arc::clone(&scene), origin);
+        let tracer = Tracer::new(scene, origin);
         let lighting = Lighting::of_scene(&tracer, 0);
-        let sky = lighting.environment();
         Ok(Self {
             plan: model,
             tracer,
             mesh,
+            sky: lighting.environment(),
             lighting,
-            sky,
         })
     }
 
-    /// The model without its scene: cells and portals.
+    /// Cells and portals: the model without its scene.
     pub fn plan(&self) -> &PortalModel {
         &self.plan
     }
 
-    /// All triangles.
+    /// The scene with all triangles.
     pub fn scene(&self) -> &Arc<Scene> {
         self.tracer.scene()
     }
 
-    /// The tree over all triangles.
+    /// Ray tracer of the scene.
     pub fn tracer(&self) -> &Tracer {
         &self.tracer
     }
 
-    /// The triangles in groups, one for each cell.
+    /// Mesh for the rasteriser, with a group of triangles per cell.
     pub fn mesh(&self) -> &RasterMesh {
         &self.mesh
     }
 
-    /// The sky's light, and the exposure (1: baked colours are stored as they are).
+    /// Lighting: the sky, and the exposure (1, since baked colours are stored unscaled).
     pub fn lighting(&self) -> &Lighting {
         &self.lighting
     }
@@ -159,18 +158,24 @@ impl House {
         let albedo = Vec3::from(scene.paint(hit.primitive).albedo(hit.u, hit.v));
         let emission = Vec3::from(scene.emission(hit.primitive, hit.u, hit.v));
         let radiance = (albedo + emission) * self.lighting.exposure;
-        (
-            radiance,
-            if normal.dot(ray.direction) > 0.0 {
-                -normal
-            } else {
-                normal
-            },
-        )
+        let is_back = normal.dot(ray.direction) > 0.0;
+        (radiance, if is_back { -normal } else { normal })
     }
 
-    /// The middle of a cell's space, at the height of an eye, world metres; `None` for the outside.
-    pub fn middle_of(&self, cell: u32) -> Option<DVec3> {
+    /// Traces a ray: linear radiance of the surface or the sky, and the distance of the hit in
+    /// units of the ray's direction.
+    pub(crate) fn radiance(&self, ray: &Ray) -> (Vec3, Option<f32>) {
+        if let Some(hit) = self.tracer.closest(ray) {
+            return (self.surface(ray, &hit).0, Some(hit.t));
+        }
+        let sky = self
+            .lighting
+            .miss_radiance(ray.direction.normalize_or_zero());
+        (Vec3::from(sky) * self.lighting.exposure, None)
+    }
+
+    /// Returns the centre of a cell's space at eye height, world metres; `None` for the outside.
+    pub fn cell_centre(&self, cell: u32) -> Option<DVec3> {
         let space = &self.plan.cells.get(cell as usize)?.space;
         let corners = || space.iter().flat_map(|prism| prism.outline.iter());
         let low = corners().copied().reduce(glam::DVec2::min)?;
@@ -183,9 +188,9 @@ impl House {
         Some(DVec3::new(middle.x, floor + EYE_HEIGHT_M, middle.y))
     }
 
-    /// The cell in which an eye stands (world metres). In the thickness of a wall, between the two
-    /// sides of a portal, the portal's plane decides; elsewhere the cells' space does. `None` in a
-    /// wall: between the backs of two surfaces close together, or in no cell's space.
+    /// Returns the cell that contains an eye position (world metres). Inside a portal, within the
+    /// thickness of the wall, the portal's plane decides; elsewhere the cells' space. `None` in a
+    /// wall (between the backs of two surfaces close together) or outside all cells.
     pub fn cell_of_eye(&self, eye: DVec3) -> Option<u32> {
         let passing = (0..self.plan.portals.len()).find_map(|portal| {
             let opening = Opening::new(&self.plan.portals[portal], 0)?;
@@ -196,10 +201,10 @@ impl House {
         passing.or_else(|| self.plan.cell_at(eye).filter(|_| !self.is_in_wall(eye)))
     }
 
-    /// Returns true if a point lies inside a wall: between the backs of two surfaces no farther
-    /// apart than a wall is thick; or, where walls meet, seeing only backs all around, none farther
-    /// than a line at this angle can run in the thickest wall. (In a room whose surfaces all face
-    /// outward everything is a back, too.)
+    /// Returns true if a point lies inside a wall: between the backs of two surfaces at most a
+    /// wall's thickness apart, or, where walls meet, with only backs in all directions, none
+    /// farther than a line at that angle can run in the thickest wall. (The distance limit is for
+    /// rooms whose surfaces all face outward.)
     fn is_in_wall(&self, p: DVec3) -> bool {
         let origin = (p - self.tracer.origin()).as_vec3();
         let to_back = |direction: Vec3, t_max: f32| {
@@ -218,7 +223,7 @@ impl House {
                 .map(|(a, b)| f64::from(a + b));
             between.is_some_and(|between| between < 2.0 * REVEAL_M)
         });
-        // None of them along a wall that stands square.
+        // No direction runs along an axis-aligned wall.
         let around = [[5.0, 12.0], [12.0, 5.0], [12.0, -5.0], [5.0, -12.0]]
             .map(|[x, z]| Vec3::new(x / 13.0, 0.0, z / 13.0));
         let longest = (2.0 * REVEAL_M * 13.0 / 5.0) as f32;
@@ -230,7 +235,7 @@ impl House {
     }
 }
 
-/// Half of the thickest wall in which a portal is looked for around the eye, metres.
+/// Half thickness of the thickest wall in which an eye can be inside a portal, metres.
 pub const REVEAL_M: f64 = 0.3;
 
 /// Height of an eye above the floor, metres.

@@ -1,18 +1,18 @@
-//! Walking portal models: geometry for the cell that the eye is in and for near cells, images
-//! behind the other portals (R1 to R3, R5 to R9, R11, R12, R14 to R16, P1, P2).
+//! Walks through portal models: geometry for the eye's cell and for near cells, images behind the
+//! other portals (R1 to R3, R5 to R9, R11, R12, R14 to R16, P1, P2).
 //!
-//! * [`cull`]: which cells show, and through which part of the frame (R1).
-//! * [`house`]: a portal model made ready for the rasteriser and the tracer.
-//! * [`opening`]: a portal as it is seen from one of its cells.
-//! * [`backdrop`]: what stands in for everything behind a portal: textures, warped images, layered
+//! * [`cull`]: portal culling: visible cells, and the part of the frame that each covers (R1).
+//! * [`house`]: a portal model prepared for the rasteriser and the tracer.
+//! * [`opening`]: a portal as seen from one of its cells.
+//! * [`backdrop`]: representations of everything behind a portal: textures, warped images, layered
 //!   depth images.
-//! * [`file`](mod@file): the `.house` file, a model with its captures.
+//! * [`file`](mod@file): the `.house` file, a model with its backdrops.
 //! * [`store`]: backdrops in memory, built in the background.
-//! * [`make`]: makes a house from a model: light, backdrops.
-//! * [`visit`]: which cells a frame draws as geometry, and where backdrops begin.
-//! * [`walk`]: a frame of all of this; [`variant`]: the ways to draw it; [`tour`]: with backdrops
-//!   built ahead of need.
-//! * [`walk_path`]: a walk through every room.
+//! * [`make`]: creates a house from a model: light, backdrops.
+//! * [`visit`]: the cells that a frame draws as geometry, and the portals where backdrops begin.
+//! * [`walk`]: rendering of a frame; [`variant`]: named settings; [`tour`]: a walk with backdrops
+//!   built in advance.
+//! * [`walk_path`]: a camera path through every room.
 //! * [`floor_plan`]: the model drawn from above.
 
 pub mod backdrop;

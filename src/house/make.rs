@@ -1,4 +1,4 @@
-//! Making a house from a portal model: light is baked, the model prepared, backdrops captured.
+//! Creation of a house from a portal model: bakes light, prepares the model, captures backdrops.
 
 use super::backdrop::{Backdrop, BackdropError, BackdropKind, BackdropQuality, PortalSide};
 use super::house::{House, HouseError};
@@ -20,7 +20,7 @@ pub struct MakeOptions {
     pub backdrops: Vec<BackdropKind>,
     /// Quality of the backdrops.
     pub quality: BackdropQuality,
-    /// Memory for backdrops, bytes.
+    /// Memory budget of backdrops, bytes.
     pub budget_bytes: u64,
 }
 

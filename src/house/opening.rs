@@ -1,9 +1,9 @@
-//! A portal as it is seen from one of its two cells.
+//! A portal as seen from one of its two cells.
 
 use glam::{DVec2, DVec3};
 use headbox_model::Portal;
 
-/// The plane of a portal with a frame of its own, on the side of one of its cells.
+/// Opening of a portal with its local frame, on the side of one of its cells.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Opening {
     /// Middle of the polygon's bounding rectangle, world metres.
@@ -13,7 +13,7 @@ pub struct Opening {
     pub right: DVec3,
     /// Unit vector upward in the portal's plane.
     pub up: DVec3,
-    /// Unit normal, toward the cell that looks.
+    /// Unit normal, towards the viewing cell.
     pub normal: DVec3,
     /// Half of the bounding rectangle's width and height, metres.
     pub half: DVec2,
@@ -21,8 +21,15 @@ pub struct Opening {
     pub corners: Vec<DVec3>,
 }
 
+/// Returns the edges of a closed polygon: each corner with the next one.
+pub(crate) fn polygon_edges<T: Copy>(corners: &[T]) -> impl Iterator<Item = (T, T)> + '_ {
+    let next = corners.iter().cycle().skip(1);
+    corners.iter().copied().zip(next.copied())
+}
+
 impl Opening {
-    /// The portal as seen from `portal.cells[side]` (side 0 or 1); `None` if it has no area.
+    /// Creates the opening of a portal as seen from `portal.cells[side]` (side 0 or 1); `None` if
+    /// it has no area.
     pub fn new(portal: &Portal, side: usize) -> Option<Self> {
         let mut corners = portal.polygon.clone();
         if side != 0 {
@@ -32,12 +39,9 @@ impl Opening {
             return None;
         }
         let anchor = corners[0];
-        let next = corners.iter().cycle().skip(1);
-        let normal = corners
-            .iter()
-            .zip(next)
-            .map(|(a, b)| (*a - anchor).cross(*b - anchor))
-            .sum::<DVec3>();
+        let normal: DVec3 = polygon_edges(&corners)
+            .map(|(a, b)| (a - anchor).cross(b - anchor))
+            .sum();
         let normal = normal.try_normalize()?;
         let right = DVec3::Y.cross(normal);
         let right = if right.length() > 0.1 {
@@ -47,10 +51,10 @@ impl Opening {
         }
         .try_normalize()?;
         let up = normal.cross(right);
-        let flat = |p: &DVec3| DVec2::new((*p - anchor).dot(right), (*p - anchor).dot(up));
+        let in_plane = |p: &DVec3| DVec2::new((*p - anchor).dot(right), (*p - anchor).dot(up));
         let [low, high] = corners
             .iter()
-            .map(flat)
+            .map(in_plane)
             .fold([DVec2::INFINITY, DVec2::NEG_INFINITY], |[low, high], p| {
                 [low.min(p), high.max(p)]
             });
@@ -67,43 +71,40 @@ impl Opening {
         })
     }
 
-    /// Distance of a point from the portal's plane, metres, positive on the side of the cell that
-    /// looks.
+    /// Returns the distance of a point from the portal's plane, metres, positive on the side of the
+    /// viewing cell.
     pub fn distance_in_front(&self, p: DVec3) -> f64 {
         self.normal.dot(p - self.centre)
     }
 
     /// Returns true if a point's projection on the portal's plane lies in the polygon.
     pub fn contains(&self, p: DVec3) -> bool {
-        let next = self.corners.iter().cycle().skip(1);
-        self.corners
-            .iter()
-            .zip(next)
-            .all(|(a, b)| (*b - *a).cross(p - *a).dot(self.normal) >= 0.0)
+        polygon_edges(&self.corners).all(|(a, b)| (b - a).cross(p - a).dot(self.normal) >= 0.0)
     }
 
-    /// The point of the plane at a position in -1..1 of the bounding rectangle.
+    /// Returns the point on the plane at a position in -1..1 of the bounding rectangle, world
+    /// metres.
     pub fn point(&self, at: DVec2) -> DVec3 {
         self.centre + self.right * (self.half.x * at.x) + self.up * (self.half.y * at.y)
     }
 
-    /// Distance of a point from the polygon's bounding rectangle, metres.
+    /// Returns the distance of a point from the polygon's bounding rectangle, metres.
     pub fn distance(&self, p: DVec3) -> f64 {
         let d = p - self.centre;
         let aside = DVec2::new(d.dot(self.right), d.dot(self.up)).abs() - self.half;
         aside.max(DVec2::ZERO).extend(d.dot(self.normal)).length()
     }
 
-    /// Places to look from: `2 * n + 1` points on a semicircle of a radius about the portal's
-    /// middle, in front of it, at the height of an eye `eye_height_m` above its lower edge (at most
-    /// its upper edge); the central one first, then alternately to the right and to the left, near
-    /// ones first (the order of P2).
+    /// Returns eye positions for images: `2 * n + 1` points on a semicircle about the portal's
+    /// middle, in front of it, `eye_height_m` above its lower edge (at most at its upper edge). The
+    /// central one is first, then alternately to the right and to the left, from near to far (the
+    /// order of P2).
     ///
-    /// The papers do not say how far the semicircle goes. At 90 degrees an image shows nothing, so
-    /// that the outermost stand at 90 n / (n + 0.5) degrees.
+    /// The papers do not specify the extent of the semicircle. An image at 90 degrees would be
+    /// empty, so the outermost are at 90 n / (n + 0.5) degrees.
     pub fn semicircle(&self, n: u32, radius_m: f64, eye_height_m: f64) -> Vec<DVec3> {
         let height = (eye_height_m - self.half.y).clamp(-self.half.y, self.half.y);
-        let place = |k: i32| {
+        let eye = |k: i32| {
             let angle = f64::from(k) / (f64::from(n) + 0.5) * std::f64::consts::FRAC_PI_2;
             self.centre
                 + self.up * height
@@ -111,7 +112,7 @@ impl Opening {
         };
         std::iter::once(0)
             .chain((1..=n as i32).flat_map(|k| [k, -k]))
-            .map(place)
+            .map(eye)
             .collect()
     }
 }

@@ -7,48 +7,45 @@ use headbox_cube::render::RenderSettings;
 use headbox_raster::RasterStats;
 use serde::Serialize;
 
-/// When a cell behind a portal is drawn as geometry (R3 gives no rule).
+/// Rule by which a cell behind a portal is drawn as geometry (R3 gives none).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Near {
-    /// The eye is nearer to the portal's rectangle than this, metres.
+    /// If the eye is nearer to the portal's rectangle than this, metres.
     Distance(f64),
-    /// The samples of a cube `back_m` in front of the portal's middle, with faces of `face_px`, on
-    /// a surface [`REFERENCE_DEPTH_M`] behind the portal would be farther apart than `spacing_px`
-    /// in the frame; or the eye is nearer than [`LEAST_DISTANCE_M`].
+    /// If the samples of a cube `back_m` in front of the portal's middle, with faces of `face_px`,
+    /// on a surface [`REFERENCE_DEPTH_M`] behind the portal would be farther apart than
+    /// `spacing_px` in the frame, or the eye is nearer than [`LEAST_DISTANCE_M`].
     ProjectedError {
-        /// Pixels between neighbouring samples that are allowed.
+        /// Largest distance of neighbouring samples, pixels of the frame.
         spacing_px: f64,
-        /// Pixels a side of the cube's faces.
+        /// Size of the cube's faces, pixels.
         face_px: u32,
-        /// Metres from the portal's middle to the cube's centre.
+        /// Distance from the portal's middle to the cube's centre, metres.
         back_m: f64,
     },
 }
 
 impl Default for Near {
-    /// Error of [`BackdropKind::WindowLdi`] as [`BackdropQuality::default`] captures it.
+    /// Projected error of [`BackdropKind::WindowLdi`] in the default [`BackdropQuality`].
     fn default() -> Self {
-        let BackdropQuality {
-            window_face_px,
-            window_back_m,
-            ..
-        } = BackdropQuality::default();
+        let quality = BackdropQuality::default();
         Self::ProjectedError {
             spacing_px: 2.77,
-            face_px: window_face_px,
-            back_m: window_back_m,
+            face_px: quality.window_face_px,
+            back_m: quality.window_back_m,
         }
     }
 }
 
-/// Depth at which samples of a backdrop are judged, metres: about the middle of a room.
+/// Depth at which the spacing of a backdrop's samples is measured, metres: about the middle of a
+/// room.
 pub const REFERENCE_DEPTH_M: f64 = 3.0;
 
-/// Nearer than this a portal is always passed: half a wall and a step.
+/// Distance below which a portal is always passed, metres: half a wall and a step.
 pub const LEAST_DISTANCE_M: f64 = 0.3;
 
 impl Near {
-    /// The distance from a portal within which the next cell is drawn as geometry, metres.
+    /// Returns the distance from a portal within which the next cell is drawn as geometry, metres.
     pub fn distance_m(self, camera: &Camera) -> f64 {
         match self {
             Self::Distance(distance) => distance,
@@ -57,8 +54,8 @@ impl Near {
                 face_px,
                 back_m,
             } => {
-                // At depth z behind the portal samples are (z + back) / f1 apart, which is f2 / (z
-                // + d) as large in the frame.
+                // At depth z behind the portal samples are (z + back) / f1 apart; the frame scales
+                // this by f2 / (z + d).
                 let ratio = camera.focal_px() / (f64::from(face_px) / 2.0 * spacing_px);
                 ((REFERENCE_DEPTH_M + back_m) * ratio - REFERENCE_DEPTH_M).max(LEAST_DISTANCE_M)
             }
@@ -69,76 +66,69 @@ impl Near {
 /// Division of the backdrops' work among threads; all give the same frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Division {
-    /// Each backdrop in a band of rows for each thread: a depth pixel near the border of two is
-    /// warped for both.
+    /// Each backdrop in bands of rows, one per thread: a depth pixel near the border of two bands
+    /// is warped for both.
     #[default]
     Bands,
-    /// Each portal's backdrop, a sheet of R6, by one thread.
+    /// Each portal's backdrop (a sheet of R6) by one thread.
     Portals,
 }
 
 impl Division {
-    /// Render settings of one backdrop of `rows` rows.
+    /// Returns the render settings of a backdrop of `rows` rows.
     pub(super) fn settings(self, warp: &RenderSettings, rows: u32) -> RenderSettings {
-        let threads = rayon::current_num_threads() as u32;
-        match self {
-            Self::Bands if warp.band_rows > 0 => *warp,
-            Self::Bands => RenderSettings {
-                band_rows: rows / threads + 1,
-                ..*warp
-            },
-            Self::Portals => RenderSettings {
-                band_rows: rows,
-                ..*warp
-            },
-        }
+        let band_rows = match self {
+            Self::Bands if warp.band_rows > 0 => warp.band_rows,
+            Self::Bands => rows / rayon::current_num_threads() as u32 + 1,
+            Self::Portals => rows,
+        };
+        RenderSettings { band_rows, ..*warp }
     }
 }
 
 /// Settings of a walk.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct WalkSettings {
-    /// The backdrops behind portals; `None` for geometry alone.
+    /// Kind of backdrops behind portals; `None` for geometry alone.
     pub backdrops: Option<BackdropKind>,
-    /// When a cell behind a portal is drawn as geometry.
+    /// Rule by which a cell behind a portal is drawn as geometry.
     pub near: Near,
     /// Settings of the LDI renderer.
     pub warp: RenderSettings,
     /// Division among threads.
     pub division: Division,
-    /// Holes show what the last frame had there (R8).
+    /// True if holes keep the colour of the last frame (R8).
     pub persistence: bool,
-    /// Bounds of the visit.
+    /// Limits of portal culling.
     pub limits: Limits,
 }
 
 /// Statistics of a frame.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct WalkStats {
-    /// The cell in which the eye stands; `None` inside a wall: then all cells are drawn as
-    /// geometry.
+    /// Cell of the eye; `None` inside a wall, where all cells are drawn as geometry.
     pub cell: Option<u32>,
-    /// Cells drawn as geometry.
+    /// Number of cells drawn as geometry.
     pub geometry_cells: u32,
-    /// Portals that show a backdrop.
+    /// Number of portals with a backdrop.
     pub portals: u32,
-    /// Portals passed for want of a backdrop.
+    /// Portals that were passed because their backdrop is missing.
     pub missing: Vec<PortalSide>,
-    /// Pixels of the frame.
+    /// Number of pixels of the frame.
     pub pixels: u64,
-    /// Pixels that show a backdrop.
+    /// Number of pixels of backdrops.
     pub backdrop_pixels: u64,
-    /// Hole pixels inside backdrops.
+    /// Number of hole pixels inside backdrops.
     pub hole_pixels: u64,
     /// Statistics of the rasteriser.
     pub raster: RasterStats,
     /// Sums over all backdrops.
     pub backdrop: BackdropStats,
-    /// Whole frame, by the clock, ms.
+    /// Time of the whole frame, ms.
     pub frame_ms: f64,
-    /// Culling and geometry, ms.
+    /// Time of culling and geometry, ms.
     pub geometry_ms: f64,
-    /// Backdrops, ms.
+    /// Time of the backdrops, ms.
     pub backdrop_ms: f64,
 }
 

@@ -1,4 +1,4 @@
-//! A walk whose backdrops are built ahead of need (R3, R16).
+//! A walk whose backdrops are built in advance (R3, R16).
 
 use super::backdrop::{BackdropError, BackdropQuality};
 use super::house::House;
@@ -11,9 +11,9 @@ use headbox_core::frame::Frame;
 use headbox_raster::RasterOutput;
 use std::sync::Arc;
 
-/// A house, a walker, a store of backdrops, and a thread that fills it: first with what the last
-/// frame lacked, then with what the next ones are likely to need. Until a backdrop is there, what
-/// is behind its portal is geometry.
+/// A house, a walker, a store of backdrops, and a thread that fills the store: first with the
+/// backdrops that the last frame lacked, then with those that the next frames are likely to need.
+/// Until a backdrop is built, geometry is drawn behind its portal.
 pub struct Tour {
     /// Render settings; may be changed between frames.
     pub settings: WalkSettings,
@@ -25,7 +25,8 @@ pub struct Tour {
 }
 
 impl Tour {
-    /// Starts the thread. The store may hold backdrops already, from a `.house` file for instance.
+    /// Creates a tour and starts its thread. The store may contain backdrops already, for instance
+    /// from a `.house` file.
     pub fn new(
         house: Arc<House>,
         store: Arc<Store>,
@@ -43,7 +44,7 @@ impl Tour {
         }
     }
 
-    /// Draws what a camera sees, on the current rayon thread pool, and orders what was missing.
+    /// Renders a frame on the current rayon thread pool, and requests the missing backdrops.
     pub fn frame(&mut self, camera: &Camera) -> (&Frame, &WalkStats) {
         let (frame, stats) = self
             .walker
@@ -56,7 +57,7 @@ impl Tour {
         (frame, stats)
     }
 
-    /// Draws what a camera sees after building every backdrop that the frame lacks.
+    /// Renders a frame after building every backdrop that it lacks.
     ///
     /// # Errors
     /// [`BackdropError`] if a backdrop cannot be captured.
@@ -76,7 +77,7 @@ impl Tour {
             .frame(&self.house, &self.store, camera, &self.settings))
     }
 
-    /// The last frame with what each of its pixels shows.
+    /// Last frame, with the content of each pixel.
     pub fn last(&self) -> &RasterOutput {
         self.walker.last()
     }
@@ -98,12 +99,12 @@ impl Tour {
             return false;
         };
         let missing = &self.walker.stats().missing;
-        // In this order: what is not being built any more is in the store, if it ever will be.
+        // The order matters: a backdrop whose build has ended is in the store by then.
         !missing.is_empty()
             && (self.builder.is_busy() || missing.iter().any(|at| self.store.contains((*at, kind))))
     }
 
-    /// Waits until nothing is ordered that could still be built.
+    /// Waits until all requested backdrops that can be built are built.
     pub fn wait(&self) {
         self.builder.wait();
     }

@@ -1,4 +1,4 @@
-//! Ways to draw a walk, by the names under which the command line and the reports know them.
+//! Named variants of rendering a walk, for the command line and the reports.
 
 use super::backdrop::BackdropKind;
 use super::settings::WalkSettings;
@@ -6,42 +6,42 @@ use super::store::Store;
 use headbox_cube::render::RenderSettings;
 use headbox_cube::render::footprint::splat::SplatKernel;
 
-/// A way to draw a walk.
+/// A variant of rendering a walk.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct HouseVariant {
-    /// Its name.
+    /// Name of the variant.
     pub name: &'static str,
     /// Kind of backdrop; `None` for geometry alone.
     pub kind: Option<BackdropKind>,
-    /// The footprints of layered depth images.
+    /// Splat kernel of layered depth images.
     pub kernel: SplatKernel,
-    /// Holes keep what the last frame had there (R8).
+    /// True if holes keep the colour of the last frame (R8).
     pub persistence: bool,
 }
 
 impl HouseVariant {
-    /// All ways: culled geometry; each backdrop; one warped image over the frame before (R8); and
-    /// the 13-image LDI with the fixed stamps of R7 in place of footprints of the samples' sizes;
-    /// and the window LDI with opaque rectangles of those sizes.
+    /// All variants: culled geometry; each kind of backdrop; one warped image over the last frame
+    /// (R8); the 13-image LDI with the fixed stamps of R7 instead of footprints of the samples'
+    /// sizes; and the window LDI with opaque rectangles of those sizes.
     pub const ALL: [Self; 16] = [
         Self {
             name: "geometry",
             kind: None,
             ..Self::PLAIN
         },
-        Self::of(BackdropKind::Texture),
-        Self::of(BackdropKind::Textures),
-        Self::of(BackdropKind::Image),
+        Self::with_backdrops(BackdropKind::Texture),
+        Self::with_backdrops(BackdropKind::Textures),
+        Self::with_backdrops(BackdropKind::Image),
         Self {
             name: "persistence",
             kind: Some(BackdropKind::Image),
             persistence: true,
             ..Self::PLAIN
         },
-        Self::of(BackdropKind::TwoImages),
-        Self::of(BackdropKind::Ldi),
-        Self::of(BackdropKind::LdiColorsApart),
-        Self::of(BackdropKind::LdiAverage),
+        Self::with_backdrops(BackdropKind::TwoImages),
+        Self::with_backdrops(BackdropKind::Ldi),
+        Self::with_backdrops(BackdropKind::LdiColorsApart),
+        Self::with_backdrops(BackdropKind::LdiAverage),
         Self {
             name: "ldi-plus",
             kind: Some(BackdropKind::Ldi),
@@ -60,15 +60,15 @@ impl HouseVariant {
             kernel: SplatKernel::Square3,
             ..Self::PLAIN
         },
-        Self::of(BackdropKind::WindowLdi),
+        Self::with_backdrops(BackdropKind::WindowLdi),
         Self {
             name: "window-ldi-opaque",
             kind: Some(BackdropKind::WindowLdi),
             kernel: SplatKernel::Opaque,
             ..Self::PLAIN
         },
-        Self::of(BackdropKind::CellLdi),
-        Self::of(BackdropKind::Sprite),
+        Self::with_backdrops(BackdropKind::CellLdi),
+        Self::with_backdrops(BackdropKind::Sprite),
     ];
 
     const PLAIN: Self = Self {
@@ -78,7 +78,7 @@ impl HouseVariant {
         persistence: false,
     };
 
-    const fn of(kind: BackdropKind) -> Self {
+    const fn with_backdrops(kind: BackdropKind) -> Self {
         Self {
             name: kind.name(),
             kind: Some(kind),
@@ -86,35 +86,34 @@ impl HouseVariant {
         }
     }
 
-    /// The one that draws what a store holds (of several kinds, the first), or geometry alone if it
-    /// is empty.
-    pub fn of_store(store: &Store) -> Self {
+    /// Returns the variant for the backdrops in a store (the first kind of several), or geometry
+    /// alone if it is empty.
+    pub fn for_store(store: &Store) -> Self {
         store
             .all()
             .first()
-            .map_or(Self::ALL[0], |((_, kind), _)| Self::of(*kind))
+            .map_or(Self::ALL[0], |((_, kind), _)| Self::with_backdrops(*kind))
     }
 
-    /// The one with a name.
+    /// Returns the variant with a name.
     pub fn by_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|variant| variant.name == name)
     }
 
-    /// The names of all, with commas between them.
+    /// Returns all names, separated by commas.
     pub fn names() -> String {
         Self::ALL.map(|variant| variant.name).join(", ")
     }
 
-    /// The settings of a walk that is drawn so.
+    /// Returns the settings of a walk.
     pub fn settings(self) -> WalkSettings {
-        let warp = RenderSettings {
-            kernel: self.kernel,
-            ..RenderSettings::default()
-        };
         WalkSettings {
             backdrops: self.kind,
             persistence: self.persistence,
-            warp,
+            warp: RenderSettings {
+                kernel: self.kernel,
+                ..RenderSettings::default()
+            },
             ..WalkSettings::default()
         }
     }

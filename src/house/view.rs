@@ -1,5 +1,4 @@
-//! A house as a [`View`], to be walked: geometry near the eye, backdrops behind the portals farther
-//! away.
+//! A house as a [`View`]: geometry near the eye, backdrops behind farther portals.
 
 use crate::backdrop::BackdropQuality;
 use crate::file::{self, HouseFileError};
@@ -27,28 +26,28 @@ use std::time::Duration;
 /// Name of the representation.
 pub const KIND: &str = "house";
 
-/// Memory for backdrops, bytes: those of the file, and those that are built during a walk.
+/// Memory budget of backdrops, bytes: those of the file, and those built during a walk.
 pub const BUDGET_BYTES: u64 = 4 << 30;
 
-/// Interval between two looks at what is built in the background.
-const LOOK_AGAIN: Duration = Duration::from_millis(250);
+/// Polling interval of backdrops that are built in the background.
+const POLL_INTERVAL: Duration = Duration::from_millis(250);
 
 /// Overlays: the frame, its holes, or its backdrops.
 const OVERLAYS: [&str; 3] = ["none", "holes", "backdrops"];
 
-/// A house, seen from anywhere: the eye may leave it and pass through walls.
+/// View of a house; the eye may leave it and pass through walls.
 pub struct HouseView {
     tour: Tour,
     start: StartView,
     size_px: [u32; 2],
-    /// The variant to begin with.
+    /// Initial variant.
     initial: HouseVariant,
     painted: Frame,
     stats: WalkStats,
 }
 
 impl HouseView {
-    /// Opens a `.house` file, to be rendered with the backdrops that it holds.
+    /// Opens a `.house` file with its backdrops.
     ///
     /// # Errors
     /// See [`HouseFileError`].
@@ -57,10 +56,11 @@ impl HouseView {
         Ok(Self::new(house, store, quality))
     }
 
-    /// A view of a house with the backdrops in `store`; others are built in the given quality.
+    /// Creates the view of a house with the backdrops in `store`; others are built in the given
+    /// quality.
     pub fn new(house: House, store: Store, quality: BackdropQuality) -> Self {
-        let initial = HouseVariant::of_store(&store);
-        let (start, size_px) = start_in(&house);
+        let initial = HouseVariant::for_store(&store);
+        let (start, size_px) = initial_view(&house);
         Self {
             tour: Tour::new(
                 Arc::new(house),
@@ -76,7 +76,7 @@ impl HouseView {
         }
     }
 
-    /// Shows the same rooms with other light and backdrops.
+    /// Replaces the house by the same rooms with other light and backdrops.
     pub fn replace(&mut self, house: House, store: Store, quality: BackdropQuality) {
         let settings = self.tour.settings;
         self.tour = Tour::new(Arc::new(house), Arc::new(store), quality, settings);
@@ -87,7 +87,7 @@ impl HouseView {
         self.tour.house()
     }
 
-    /// The settings of every house; the variant that stands first depends on its backdrops.
+    /// Settings of all houses; the selected variant depends on a house's backdrops.
     pub fn setting_table() -> Vec<Setting> {
         Self::settings_from(HouseVariant::ALL.first())
     }
@@ -119,7 +119,8 @@ impl HouseView {
         ]
     }
 
-    /// Paints the overlay of a name over a copy of the last frame; `None` if there is none.
+    /// Paints an overlay over a copy of the last frame and returns its legend; `None` without an
+    /// overlay.
     fn paint(&mut self, overlay: Option<&&str>) -> Option<Vec<Swatch>> {
         let walk = self.tour.last();
         match overlay {
@@ -141,8 +142,7 @@ impl HouseView {
     }
 }
 
-/// Paints a frame of a walk with its geometry in grey, so that what comes from backdrops stands
-/// out.
+/// Paints the geometry of a frame grey, so that backdrops stand out.
 fn paint_backdrops(walk: &RasterOutput, pixels: &mut [[u8; 4]]) {
     for (i, (pixel, &[r, g, b, a])) in pixels.iter_mut().zip(&walk.frame.color).enumerate() {
         let grey = ((u16::from(r) + u16::from(g) + u16::from(b)) / 3) as u8;
@@ -154,10 +154,9 @@ fn paint_backdrops(walk: &RasterOutput, pixels: &mut [[u8; 4]]) {
     }
 }
 
-/// Inside a room, at the height of an eye, looking toward the door by which a walk through the
-/// house begins; and the size of the walk's frames. Where there is no room, the middle of
-/// everything.
-fn start_in(house: &House) -> (StartView, [u32; 2]) {
+/// Returns the initial view, which is the start of a walk through the house (or the middle of the
+/// model if there is no room to stand), and the size of the walk's frames.
+fn initial_view(house: &House) -> (StartView, [u32; 2]) {
     let walk = WalkPath::default();
     let first = WalkPath::first(house).ok().flatten();
     let (eye, forward) = first.map_or((house.tracer().origin(), DVec3::NEG_Z), |camera| {
@@ -212,8 +211,10 @@ impl View for HouseView {
                 [end.x, end.z]
             }))
         });
-        let openings = openings.collect();
-        (!rooms.is_empty()).then_some(RoomMap { rooms, openings })
+        (!rooms.is_empty()).then(|| RoomMap {
+            rooms,
+            openings: openings.collect(),
+        })
     }
 
     fn primitives(&self) -> (u64, &'static str) {
@@ -241,7 +242,9 @@ impl View for HouseView {
         };
         self.stats = stats.clone();
         let mut report = report(&self.stats);
-        report.facts.push(place(self.house(), self.stats.cell));
+        report
+            .facts
+            .push(eye_location(self.house(), self.stats.cell));
         report.figures.push(figure(
             "memory of backdrops",
             self.tour.store().bytes() as f64 / f64::from(1 << 20),
@@ -252,7 +255,7 @@ impl View for HouseView {
             report.warnings.push(why.into());
         }
         if !request.complete && self.tour.can_improve() {
-            report.refinement = Refinement::Later(LOOK_AGAIN);
+            report.refinement = Refinement::Later(POLL_INTERVAL);
             report.ongoing = Some(Ongoing {
                 what: format!("building {} backdrops", self.stats.missing.len()),
                 share: 0.0,
@@ -300,8 +303,8 @@ fn report(stats: &WalkStats) -> FrameReport {
     }
 }
 
-/// The cell in which the eye stands, by its name in the model.
-fn place(house: &House, cell: Option<u32>) -> Fact {
+/// Returns the cell of the eye by its name in the model.
+fn eye_location(house: &House, cell: Option<u32>) -> Fact {
     let text = match cell.and_then(|cell| Some((cell, house.plan().cells.get(cell as usize)?))) {
         Some((number, cell)) => format!("{} (cell {number})", cell.name),
         None => "in a wall".into(),

@@ -6,31 +6,32 @@ use super::house::House;
 use super::settings::WalkSettings;
 use super::store::{Key, Store};
 use crate::cull;
+use glam::DVec3;
 use headbox_core::camera::Camera;
 use headbox_raster::GroupWindow;
 use std::ops::Range;
 use std::sync::Arc;
 
-/// A portal where the visit ended.
-pub(super) struct BackedPortal {
+/// Portal behind which a backdrop is drawn.
+pub(super) struct BackdropPortal {
     pub(super) at: PortalSide,
     pub(super) backdrop: Arc<Backdrop>,
-    /// Columns and rows that it can touch.
+    /// Columns and rows of the frame that it can cover.
     pub(super) window: [Range<u32>; 2],
 }
 
-/// The cells and portals that a frame draws.
+/// Cells and portals of a frame.
 pub(super) struct Visit {
-    /// Cells to be drawn as geometry.
+    /// Cells that are drawn as geometry.
     pub(super) groups: Vec<GroupWindow>,
     /// Portals where backdrops begin.
-    pub(super) boundaries: Vec<BackedPortal>,
+    pub(super) boundaries: Vec<BackdropPortal>,
     /// Portals that were passed because their backdrop is missing.
     pub(super) missing: Vec<PortalSide>,
 }
 
-/// Visits the cells seen from the eye's cell; all cells are drawn as geometry if the eye is in
-/// none.
+/// Visits the cells that are visible from the eye's cell; without one, all cells are drawn as
+/// geometry.
 pub(super) fn visit(
     house: &House,
     store: &Store,
@@ -38,16 +39,15 @@ pub(super) fn visit(
     settings: &WalkSettings,
     cell: Option<u32>,
 ) -> Visit {
-    let mut boundaries: Vec<BackedPortal> = Vec::new();
+    let mut boundaries: Vec<BackdropPortal> = Vec::new();
     let mut missing = Vec::new();
     let Some(cell) = cell else {
-        let all = 0..house.mesh().group_count() as u32;
         let whole = |group| GroupWindow {
             group,
             window: None,
         };
         return Visit {
-            groups: all.map(whole).collect(),
+            groups: (0..house.mesh().group_count() as u32).map(whole).collect(),
             boundaries,
             missing,
         };
@@ -65,10 +65,8 @@ pub(super) fn visit(
             let Some(at) = side_toward(house, portal, view.cell) else {
                 return true;
             };
-            if at
-                .opening(house)
-                .is_none_or(|opening| opening.distance(camera.eye()) < near)
-            {
+            let opening = at.opening(house);
+            if opening.is_none_or(|opening| opening.distance(camera.eye()) < near) {
                 return true;
             }
             let window = view.window.rectangle(camera);
@@ -80,7 +78,7 @@ pub(super) fn visit(
                 missing.push(at);
                 return true;
             };
-            boundaries.push(BackedPortal {
+            boundaries.push(BackdropPortal {
                 at,
                 backdrop,
                 window,
@@ -95,7 +93,7 @@ pub(super) fn visit(
     }
 }
 
-/// The side of a portal that looks into a cell.
+/// Returns the side of a portal that looks into a cell.
 fn side_toward(house: &House, portal: u32, cell: u32) -> Option<PortalSide> {
     let cells = house.plan().portals.get(portal as usize)?.cells;
     Some(PortalSide {
@@ -104,7 +102,7 @@ fn side_toward(house: &House, portal: u32, cell: u32) -> Option<PortalSide> {
     })
 }
 
-/// Each visited cell once, with the rectangle that holds all of its windows.
+/// Returns each visited cell once, with the bounding rectangle of its windows.
 fn groups(views: &[CellView], camera: &Camera) -> Vec<GroupWindow> {
     let mut groups: Vec<GroupWindow> = Vec::new();
     for view in views {
@@ -120,20 +118,20 @@ fn groups(views: &[CellView], camera: &Camera) -> Vec<GroupWindow> {
     groups
 }
 
-/// The smallest rectangle that holds two.
+/// Returns the smallest rectangle that contains two others.
 pub(super) fn union(a: &[Range<u32>; 2], b: &[Range<u32>; 2]) -> [Range<u32>; 2] {
     [0, 1].map(|i| a[i].start.min(b[i].start)..a[i].end.max(b[i].end))
 }
 
-/// The backdrops that an eye is likely to need, the likeliest first: those of its own cell by
-/// distance, then those of the cells behind near portals.
-pub fn likely(house: &House, eye: glam::DVec3, kind: BackdropKind) -> Vec<Key> {
+/// Returns the backdrops that an eye is likely to need, most likely first: those of its own cell by
+/// distance, then those of the adjacent cells.
+pub fn likely(house: &House, eye: DVec3, kind: BackdropKind) -> Vec<Key> {
     let Some(cell) = house.cell_of_eye(eye) else {
         return Vec::new();
     };
     let sides = |cell: u32| {
-        let of_cell = house.plan().portals_of(cell);
-        let mut sides: Vec<(f64, PortalSide, u32)> = of_cell
+        let portals = house.plan().portals_of(cell);
+        let mut sides: Vec<(f64, PortalSide, u32)> = portals
             .filter_map(|(portal, behind)| {
                 let at = side_toward(house, portal as u32, behind)?;
                 Some((at.opening(house)?.distance(eye), at, behind))

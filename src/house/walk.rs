@@ -1,15 +1,15 @@
-//! A frame of a walk: geometry for the eye's cell and for near ones, backdrops behind all other
+//! Rendering of a walk: geometry for the eye's cell and for near cells, backdrops behind all other
 //! portals (R3, R15, P1).
 //!
-//! 1. From the eye's cell on, cells are visited through portals ([`visit`](super::visit)). A portal
-//!    near the eye is passed: the next cell is drawn as geometry too. Any other ends the visit, if
-//!    its backdrop is at hand; without one it is passed as well, so that a missing image never
-//!    leaves a hole.
-//! 2. The visited cells are rasterised, and the portals where the visit ended with them, as markers
-//!    without colour: the depth buffer says which pixels look through which portal, whatever
-//!    overlaps (the order that R15 leaves open).
-//! 3. Each backdrop is drawn for the smallest rectangle that holds its portal's pixels, and copied
-//!    into these alone.
+//! 1. Starting from the eye's cell, cells are visited through portals ([`visit`](super::visit)). A
+//!    portal near the eye is passed: the next cell is drawn as geometry too. At any other portal
+//!    the visit ends if its backdrop is in the store; without one the portal is passed as well, so
+//!    that a missing backdrop never leaves a hole.
+//! 2. The visited cells are rasterised together with the portals where the visit ended, which are
+//!    markers without colour: the depth buffer determines which pixels look through which portal,
+//!    even if portals overlap (the order that R15 leaves open).
+//! 3. Each backdrop is drawn for the bounding rectangle of its portal's pixels, and copied only
+//!    into these pixels.
 
 use super::backdrop::{
     Backdrop, BackdropError, BackdropQuality, BackdropStats, Drawer, PortalSide,
@@ -17,7 +17,7 @@ use super::backdrop::{
 use super::house::House;
 use super::settings::{WalkSettings, WalkStats};
 use super::store::Store;
-use super::visit::{BackedPortal, Visit, union, visit};
+use super::visit::{BackdropPortal, Visit, union, visit};
 use headbox_core::camera::Camera;
 use headbox_core::frame::Frame;
 use headbox_raster::{Marker, PixelContent, RasterOutput, RasterView, Rasterizer};
@@ -26,35 +26,35 @@ use std::ops::Range;
 use std::sync::Arc;
 use std::time::Instant;
 
-/// The part of a frame that a backdrop fills.
+/// Part of a frame that a backdrop fills.
 struct BackdropArea<'a> {
     /// Number of the portal's marker.
     number: u32,
     backdrop: &'a Backdrop,
     columns: Range<u32>,
     rows: Range<u32>,
-    /// Sees just that.
+    /// Camera of that part.
     camera: Camera,
 }
 
-/// Draws the frames of a walk; owns the buffers.
+/// Renderer of walks; reuses its buffers from frame to frame.
 #[derive(Default)]
 pub struct Walker {
     rasterizer: Rasterizer,
-    /// One for each portal that shows a backdrop.
+    /// Drawer of each portal with a backdrop.
     drawers: Vec<Drawer>,
     previous: Frame,
     stats: WalkStats,
 }
 
 impl Walker {
-    /// A walker that has drawn nothing yet.
+    /// Creates a walker.
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// Captures the backdrops that a frame needs and the store lacks; returns how many. What the
-    /// store's budget cannot keep stays geometry.
+    /// Captures the backdrops that a frame needs and the store lacks; returns their number.
+    /// Backdrops that exceed the store's budget are replaced by geometry.
     ///
     /// # Errors
     /// See [`BackdropError`].
@@ -69,12 +69,9 @@ impl Walker {
             return Ok(0);
         };
         let mut captured = 0;
-        // One at a time: a portal that is missing only behind another one is none that the frame
-        // needs.
-        while let Some(at) = Self::missing(house, store, camera, settings)
-            .first()
-            .copied()
-        {
+        // One at a time: a new backdrop may hide other portals, whose backdrops are then not
+        // needed.
+        while let Some(&at) = Self::missing(house, store, camera, settings).first() {
             let backdrop = Backdrop::capture(house, at, kind, quality)?;
             if !store.insert((at, kind), Arc::new(backdrop)) {
                 break;
@@ -84,7 +81,7 @@ impl Walker {
         Ok(captured)
     }
 
-    /// The sides of portals whose backdrops a frame would use if the store had them, the eye's own
+    /// Returns the portal sides whose backdrops a frame needs and the store lacks, the eye's own
     /// cell first.
     pub fn missing(
         house: &House,
@@ -96,7 +93,7 @@ impl Walker {
         visit(house, store, camera, settings, cell).missing
     }
 
-    /// The backdrops that a frame uses.
+    /// Returns the backdrops that a frame uses.
     pub fn shown(
         house: &House,
         store: &Store,
@@ -111,8 +108,8 @@ impl Walker {
             .collect()
     }
 
-    /// Draws what a camera sees of a house, with the backdrops that the store has, on the current
-    /// rayon thread pool.
+    /// Renders a frame of a house with the backdrops in the store, on the current rayon thread
+    /// pool.
     pub fn frame(
         &mut self,
         house: &House,
@@ -170,7 +167,7 @@ impl Walker {
         &self.stats
     }
 
-    /// The last frame with what each of its pixels shows.
+    /// Last frame, with the content of each pixel.
     pub fn last(&self) -> &RasterOutput {
         self.rasterizer.output()
     }
@@ -178,43 +175,42 @@ impl Walker {
     /// Draws the backdrops into the pixels of their markers.
     fn fill(
         &mut self,
-        boundaries: &[BackedPortal],
+        boundaries: &[BackdropPortal],
         camera: &Camera,
         settings: &WalkSettings,
         stats: &mut WalkStats,
     ) {
         let output = self.rasterizer.output_mut();
         let numbered = (0..).zip(boundaries);
-        let parts: Vec<BackdropArea> = numbered
-            .filter_map(|(number, boundary)| BackdropArea::of(output, number, boundary, camera))
+        let areas: Vec<BackdropArea> = numbered
+            .filter_map(|(number, boundary)| BackdropArea::new(output, number, boundary, camera))
             .collect();
         self.drawers
-            .resize_with(self.drawers.len().max(parts.len()), Drawer::default);
-        let side_by_side = self.drawers.par_iter_mut().zip(&parts).with_max_len(1);
-        let drawn: Vec<_> = side_by_side
-            .map(|(drawer, part)| part.draw(drawer, settings))
+            .resize_with(self.drawers.len().max(areas.len()), Drawer::default);
+        let tasks = self.drawers.par_iter_mut().zip(&areas).with_max_len(1);
+        let drawn: Vec<_> = tasks
+            .map(|(drawer, area)| area.draw(drawer, settings))
             .collect();
-        for (part, (drawn, took)) in parts.iter().zip(drawn) {
-            part.copy(drawn, took, output, stats);
+        for (area, (frame, backdrop_stats)) in areas.iter().zip(drawn) {
+            area.copy(frame, backdrop_stats, output, stats);
         }
     }
 }
 
 impl<'a> BackdropArea<'a> {
-    fn of(
+    fn new(
         output: &RasterOutput,
         number: u32,
-        boundary: &'a BackedPortal,
+        boundary: &'a BackdropPortal,
         camera: &Camera,
     ) -> Option<Self> {
-        let [columns, rows] = touched(output, number, &boundary.window)?;
-        let part = camera.cropped(columns.clone(), rows.clone()).ok()?;
+        let [columns, rows] = marker_bounds(output, number, &boundary.window)?;
         Some(Self {
             number,
             backdrop: &boundary.backdrop,
+            camera: camera.cropped(columns.clone(), rows.clone()).ok()?,
             columns,
             rows,
-            camera: part,
         })
     }
 
@@ -229,18 +225,18 @@ impl<'a> BackdropArea<'a> {
         drawer.draw(self.backdrop, &self.camera, &warp)
     }
 
-    /// Copies what was drawn of it into the marker's pixels.
+    /// Copies the drawn backdrop into the marker's pixels, and adds its statistics.
     fn copy(
         &self,
         drawn: &Frame,
-        took: BackdropStats,
+        backdrop_stats: BackdropStats,
         output: &mut RasterOutput,
         stats: &mut WalkStats,
     ) {
         stats.portals += 1;
-        stats.backdrop.samples += took.samples;
-        stats.backdrop.depth_pixels_in += took.depth_pixels_in;
-        stats.backdrop.splatted += took.splatted;
+        stats.backdrop.samples += backdrop_stats.samples;
+        stats.backdrop.depth_pixels_in += backdrop_stats.depth_pixels_in;
+        stats.backdrop.splatted += backdrop_stats.splatted;
         for (y, row) in self.rows.clone().zip(0..) {
             for (x, column) in self.columns.clone().zip(0..) {
                 let at = y as usize * output.frame.width as usize + x as usize;
@@ -255,47 +251,41 @@ impl<'a> BackdropArea<'a> {
     }
 }
 
-fn marker(house: &House, number: u32, boundary: &BackedPortal) -> Option<Marker> {
+fn marker(house: &House, number: u32, boundary: &BackdropPortal) -> Option<Marker> {
     Some(Marker {
         polygon: boundary.at.opening(house)?.corners,
         number,
     })
 }
 
-/// The smallest rectangle, inside a window, that holds the pixels of a marker.
-fn touched(
+/// Returns the bounding rectangle of a marker's pixels inside a window; `None` if there are none.
+fn marker_bounds(
     output: &RasterOutput,
     number: u32,
     [columns, rows]: &[Range<u32>; 2],
 ) -> Option<[Range<u32>; 2]> {
-    let mut found: Option<[Range<u32>; 2]> = None;
+    let mut bounds: Option<[Range<u32>; 2]> = None;
     for y in rows.clone() {
         let start = y as usize * output.frame.width as usize;
         let shows = |x: &u32| output.seen(start + *x as usize) == PixelContent::Marker(number);
-        let (Some(first), Some(last)) = (
-            columns.clone().find(shows),
-            columns.clone().rev().find(shows),
-        ) else {
-            continue;
-        };
-        let row = [first..last + 1, y..y + 1];
-        found = Some(found.map_or(row.clone(), |found| union(&found, &row)));
+        let first = columns.clone().find(shows);
+        let last = columns.clone().rev().find(shows);
+        if let (Some(first), Some(last)) = (first, last) {
+            let row = [first..last + 1, y..y + 1];
+            bounds = Some(bounds.map_or(row.clone(), |bounds| union(&bounds, &row)));
+        }
     }
-    found
+    bounds
 }
 
-/// Holes keep the colour that they had in the last frame of the same size.
+/// Fills holes with the colours of the last frame, if it has the same size.
 fn persist(output: &mut RasterOutput, previous: &Frame, camera: &Camera) {
     if (previous.width, previous.height) != (camera.width(), camera.height()) {
         return;
     }
     let frame = &mut output.frame;
-    for ((color, coverage), old) in frame
-        .color
-        .iter_mut()
-        .zip(&frame.coverage)
-        .zip(&previous.color)
-    {
+    let pixels = frame.color.iter_mut().zip(&frame.coverage);
+    for ((color, coverage), old) in pixels.zip(&previous.color) {
         if coverage.is_hole() {
             *color = *old;
         }

@@ -1,13 +1,13 @@
-//! A seeded walk through every room, as the papers' path of 520 poses (R-N4).
+//! Seeded camera path through every room, like the papers' path of 520 poses (R-N4).
 
 use super::house::House;
-use super::opening::Opening;
+use super::opening::{Opening, polygon_edges};
 use glam::{DVec2, DVec3};
 use headbox_core::camera::{Camera, CameraError};
 use headbox_model::{Portal, PortalModel};
 use headbox_trace::sampler::random4;
 
-/// Poses of the papers' path.
+/// Number of poses of the papers' path.
 pub const PAPER_POSES: usize = 520;
 
 /// Parameters of a walk.
@@ -37,24 +37,24 @@ impl Default for WalkPath {
     }
 }
 
-/// Distance from a portal, before and behind, at which it is approached at a right angle, metres.
+/// Distance in front of and behind a portal within which the path is perpendicular to it, metres.
 const APPROACH_M: f64 = 0.45;
 /// Look-ahead distance along the path, metres.
 const AHEAD_M: f64 = 1.2;
-/// A portal whose lower edge is at most this high above the floor, and that is at least as high as
-/// a child, is a door.
+/// Largest height of a door's lower edge above the floor, metres; higher portals are windows.
 const SILL_M: f64 = 0.3;
+/// Smallest height of a door, metres.
 const DOOR_HEIGHT_M: f64 = 1.5;
-/// And at least as wide as one.
+/// Smallest width of a door, metres.
 const DOOR_WIDTH_M: f64 = 0.3;
 
 impl WalkPath {
-    /// The cameras, equally spaced along a walk that enters every cell which doors join to the
-    /// first (the outside only if it has no other way). No cameras if the model has no cell but an
-    /// outside.
+    /// Returns the cameras, equally spaced along a walk that enters every cell which doors connect
+    /// to the first (the outside only if there is no other way). Empty if the model has no cell
+    /// except an outside.
     ///
     /// # Errors
-    /// If size or field of view are no camera's.
+    /// [`CameraError`] if the size or the field of view is invalid.
     pub fn cameras(&self, house: &House) -> Result<Vec<Camera>, CameraError> {
         let (line, _) = self.line(house.plan());
         let Some(first) = line.first() else {
@@ -81,8 +81,7 @@ impl WalkPath {
         let pose = |k: usize| {
             let s = total * k as f64 / self.poses.max(2).saturating_sub(1) as f64;
             let eye = at(s);
-            // Where the path doubles back, the mean of several points ahead turns the head
-            // smoothly.
+            // The mean of several points ahead turns the head smoothly where the path reverses.
             let ahead = (1..=6)
                 .map(|j| at(s + AHEAD_M * f64::from(j) / 3.0))
                 .sum::<DVec3>()
@@ -102,13 +101,7 @@ impl WalkPath {
                 DVec2::X
             };
             let look = eye + DVec3::new(flat.x, 0.12 * (phase * 1.7).sin() - 0.05, flat.y);
-            Camera::look_at(
-                eye,
-                look,
-                DVec3::Y,
-                self.fov_y_deg,
-                [self.size[0], self.size[1]],
-            )
+            Camera::look_at(eye, look, DVec3::Y, self.fov_y_deg, self.size)
         };
         (0..self.poses).map(pose).collect()
     }
@@ -118,17 +111,15 @@ impl WalkPath {
     /// # Errors
     /// Same as for [`Self::cameras`].
     pub fn first(house: &House) -> Result<Option<Camera>, CameraError> {
-        Ok(Self {
+        let walk = Self {
             poses: 1,
             ..Self::default()
-        }
-        .cameras(house)?
-        .first()
-        .copied())
+        };
+        Ok(walk.cameras(house)?.first().copied())
     }
 
-    /// The default view of a house: the start of a walk, or the middle of the model if there is no
-    /// room to stand.
+    /// Returns the default view of a house: the start of a walk, or the middle of the model if
+    /// there is no room to stand.
     ///
     /// # Errors
     /// Same as for [`Self::cameras`].
@@ -140,8 +131,8 @@ impl WalkPath {
         Self::first(house)?.map_or_else(from_middle, Ok)
     }
 
-    /// Names of the rooms that the walk does not enter: no door leads there from where it begins,
-    /// or there is nowhere to stand in them.
+    /// Returns the names of the rooms that the walk does not enter: no door connects them to its
+    /// start, or they have no room to stand.
     pub fn unvisited<'a>(&self, house: &'a House) -> Vec<&'a str> {
         let plan = house.plan();
         let (_, visited) = self.line(plan);
@@ -150,12 +141,13 @@ impl WalkPath {
             .filter(|(cell, _)| plan.outside != Some(*cell));
         cells
             .filter(|(cell, _)| !visited[*cell as usize])
-            .map(|(_, it)| it.name.as_str())
+            .map(|(_, cell)| cell.name.as_str())
             .collect()
     }
 
-    /// Corners of the walk, world metres: a depth-first tour of the rooms and back; and which cells
-    /// it enters. It begins where the most rooms can be entered.
+    /// Returns the corners of the walk, world metres, and for each cell true if the walk enters it.
+    /// The walk is a depth-first tour of the rooms and back, from the start that reaches the most
+    /// rooms.
     fn line(&self, plan: &PortalModel) -> (Vec<DVec3>, Vec<bool>) {
         let count = plan.cells.len();
         let rooms: Vec<u32> = (0..count as u32)
@@ -166,15 +158,15 @@ impl WalkPath {
         let entered = |visited: &[bool]| visited.iter().filter(|v| **v).count();
         let mut seen = vec![false; count];
         for &start in rooms[begin..].iter().chain(&rooms[..begin]) {
-            // What another walk entered it would begin in itself.
+            // A walk from a cell that an earlier walk entered would enter the same cells.
             if seen[start as usize] {
                 continue;
             }
             let mut walk = (Vec::new(), vec![false; count]);
             self.tour(plan, start, &mut walk.1, &mut walk.0);
-            seen.iter_mut()
-                .zip(&walk.1)
-                .for_each(|(seen, entered)| *seen |= entered);
+            for (seen, entered) in seen.iter_mut().zip(&walk.1) {
+                *seen |= entered;
+            }
             if entered(&walk.1) > entered(&best.1) {
                 best = walk;
             }
@@ -182,10 +174,12 @@ impl WalkPath {
         best
     }
 
+    /// Returns a random number of a stream.
     fn random(&self, stream: u32) -> u32 {
         random4([self.seed, stream, 0x7a1c, 0])[0]
     }
 
+    /// Appends a depth-first tour of the unvisited rooms from `start` and back to `line`.
     fn tour(&self, plan: &PortalModel, start: u32, visited: &mut [bool], line: &mut Vec<DVec3>) {
         visited[start as usize] = true;
         line.extend(self.standing_point(plan, start));
@@ -208,18 +202,13 @@ impl WalkPath {
         }
     }
 
-    /// A point of a cell at the height of an eye: the middle of its largest prism's corners, or the
-    /// cell's point nearest to that among the corners' midpoints. `None` for the outside.
+    /// Returns a point of a cell at eye height: the mean of its largest prism's corners or, if that
+    /// is outside, the first midpoint of two corners inside. `None` for the outside.
     fn standing_point(&self, plan: &PortalModel, cell: u32) -> Option<DVec3> {
         let cell = plan.cells.get(cell as usize)?;
         let area = |outline: &[DVec2]| {
-            let next = outline.iter().cycle().skip(1);
-            outline
-                .iter()
-                .zip(next)
-                .map(|(a, b)| a.perp_dot(*b))
-                .sum::<f64>()
-                .abs()
+            let twice: f64 = polygon_edges(outline).map(|(a, b)| a.perp_dot(b)).sum();
+            twice.abs()
         };
         let prism = cell
             .space
@@ -238,7 +227,7 @@ impl WalkPath {
             .find(|p| prism.contains(*p))
     }
 
-    /// Points before, in and after a door, from a cell; `None` for a window.
+    /// Returns the points in front of, in and behind a door, from a cell; `None` for a window.
     fn passage(&self, plan: &PortalModel, portal: usize, from: u32) -> Option<[DVec3; 3]> {
         let (opening, floor) = door(plan, plan.portals.get(portal)?, from)?;
         let top = opening.centre.y + opening.half.y - 0.1;
@@ -255,8 +244,8 @@ impl WalkPath {
     }
 }
 
-/// A portal as seen from one of its cells, and the height of that cell's floor, if it is a door
-/// there and no window.
+/// Returns the opening of a door as seen from one of its cells, and the height of that cell's
+/// floor; `None` for a window.
 pub fn door(plan: &PortalModel, portal: &Portal, from: u32) -> Option<(Opening, f64)> {
     let opening = Opening::new(portal, usize::from(portal.cells[0] != from))?;
     let floor = plan

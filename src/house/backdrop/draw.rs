@@ -1,4 +1,4 @@
-//! A backdrop on a frame.
+//! Rendering of backdrops.
 
 use super::Backdrop;
 use super::sprite::SpriteDrawer;
@@ -12,15 +12,15 @@ use serde::Serialize;
 /// Statistics of drawing a backdrop.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct BackdropStats {
-    /// Depth pixels (or texels) of the backdrop that was drawn.
+    /// Number of depth pixels (or texels) of the backdrop.
     pub samples: u64,
-    /// Depth pixels that reached the inner loop, once for each band.
+    /// Number of depth pixels that reached the inner loop, once per band.
     pub depth_pixels_in: u64,
-    /// Splats drawn.
+    /// Number of splats drawn.
     pub splatted: u64,
 }
 
-/// Draws backdrops; owns the buffers.
+/// Renderer of backdrops; reuses its buffers from frame to frame.
 #[derive(Default)]
 pub struct Drawer {
     renderer: Renderer,
@@ -29,8 +29,8 @@ pub struct Drawer {
 }
 
 impl Drawer {
-    /// Draws a backdrop as seen by a camera, which may be cropped to the portal. Pixels of which
-    /// nothing is known are holes.
+    /// Renders a backdrop for a camera, which may be cropped to the portal. Uncovered pixels are
+    /// holes.
     pub fn draw(
         &mut self,
         backdrop: &Backdrop,
@@ -38,48 +38,43 @@ impl Drawer {
         settings: &RenderSettings,
     ) -> (&Frame, BackdropStats) {
         let mut stats = BackdropStats::default();
+        let (size, hole) = ([camera.width(), camera.height()], settings.hole_color_srgb);
         match backdrop {
             Backdrop::Textures(set) => {
-                self.frame
-                    .reset(camera.width(), camera.height(), settings.hole_color_srgb);
+                self.frame.reset(size[0], size[1], hole);
                 set.draw(camera, &mut self.frame);
                 stats.samples = u64::from(set.size[0]) * u64::from(set.size[1]);
-                (&self.frame, stats)
             }
             Backdrop::Sprite(sprite) => {
-                self.frame
-                    .reset(camera.width(), camera.height(), settings.hole_color_srgb);
+                self.frame.reset(size[0], size[1], hole);
                 self.sprites.draw(sprite, camera, &mut self.frame);
                 stats.samples = sprite.sample_count();
-                (&self.frame, stats)
             }
-            Backdrop::Cubes(cubes) => {
-                let [nearest, second] = two_nearest(cubes, camera.eye());
-                let Some(nearest) = nearest else {
-                    self.frame
-                        .reset(camera.width(), camera.height(), settings.hole_color_srgb);
-                    return (&self.frame, stats);
-                };
-                let Some(second) = second else {
+            Backdrop::Cubes(cubes) => match by_distance(cubes, camera.eye())[..] {
+                [] => self.frame.reset(size[0], size[1], hole),
+                [cube] => {
+                    let (frame, warped) = self.renderer.render_with_stats(cube, camera, settings);
+                    stats.add(cube, warped);
+                    return (frame, stats);
+                }
+                [nearest, second, ..] => {
+                    let (frame, warped) = self.renderer.render_with_stats(second, camera, settings);
+                    stats.add(second, warped);
+                    self.frame.clone_from(frame);
                     let (frame, warped) =
                         self.renderer.render_with_stats(nearest, camera, settings);
                     stats.add(nearest, warped);
-                    return (frame, stats);
-                };
-                let (frame, warped) = self.renderer.render_with_stats(second, camera, settings);
-                stats.add(second, warped);
-                self.frame.clone_from(frame);
-                let (frame, warped) = self.renderer.render_with_stats(nearest, camera, settings);
-                stats.add(nearest, warped);
-                for (i, coverage) in frame.coverage.iter().enumerate() {
-                    // The nearer image goes over the farther one wherever it has something (R9).
-                    if coverage.splat_share() >= 128 || self.frame.coverage[i].is_hole() {
-                        (self.frame.color[i], self.frame.coverage[i]) = (frame.color[i], *coverage);
+                    for (i, coverage) in frame.coverage.iter().enumerate() {
+                        // The nearer image covers the farther one wherever it has a sample (R9).
+                        if coverage.splat_share() >= 128 || self.frame.coverage[i].is_hole() {
+                            self.frame.color[i] = frame.color[i];
+                            self.frame.coverage[i] = *coverage;
+                        }
                     }
                 }
-                (&self.frame, stats)
-            }
+            },
         }
+        (&self.frame, stats)
     }
 }
 
@@ -91,10 +86,10 @@ impl BackdropStats {
     }
 }
 
-/// Returns the cubes nearest and second nearest to the eye; the only one if there is one.
-fn two_nearest(cubes: &[CubeLdi], eye: DVec3) -> [Option<&CubeLdi>; 2] {
+/// Sorts cubes by the distance of their centres from the eye.
+fn by_distance(cubes: &[CubeLdi], eye: DVec3) -> Vec<&CubeLdi> {
     let distance = |cube: &CubeLdi| (cube.info.centre - eye).length_squared();
     let mut sorted: Vec<&CubeLdi> = cubes.iter().collect();
     sorted.sort_by(|a, b| distance(a).total_cmp(&distance(b)));
-    [sorted.first().copied(), sorted.get(1).copied()]
+    sorted
 }

@@ -1,78 +1,77 @@
-//! From rays behind a portal to a cube LDI: hits, their pixels, and what becomes of those at
-//! similar depth (R11, P2, D1, D2, C11).
+//! Cube LDIs from rays behind a portal: tracing, assignment of hits to pixels, and merging of
+//! samples at similar depth (R11, P2, D1, D2, C11).
 //!
-//! *Similar depth* is measured in inverse depth, by parallax: two samples of a pixel that part by
-//! at most a pixel when the eye moves by [`BASELINE_M`] from the cube's centre. It needs no tuning
-//! per model (D2).
+//! *Similar depth* is a bound on the difference of inverse depths: two samples of a pixel that move
+//! apart by at most a pixel when the eye moves by [`BASELINE_M`] from the cube's centre. It needs
+//! no tuning per model (D2).
 //!
-//! A depth pixel is drawn from the middle of its pixel, but random rays hit anywhere in it. So a
-//! hit counts with the depth that its surface has in the middle: hits of a slanted surface agree,
-//! and lie on it. At most half of what is similar is changed, so that a surface that the centre
-//! sees nearly edge-on keeps several samples a pixel; footprints alone do not close it
-//! (docs/decisions/0022). Images are taken as they are: the papers' rules compare what their pixels
-//! hold.
+//! A depth pixel is drawn at the centre of its pixel, but random rays hit anywhere in it. So a hit
+//! is moved to the depth of its surface at the pixel's centre: hits on a slanted surface then
+//! agree, and lie on it. The shift is at most half of the similarity bound, so that a surface seen
+//! nearly edge-on from the cube's centre keeps several samples per pixel; footprints alone do not
+//! close it (docs/decisions/0022). Samples of images are not shifted: the papers' rules compare
+//! their pixels as they are.
 
-use super::mend::BackdropMender;
+use super::repair::BackdropRepair;
 use crate::house::House;
 use glam::{DVec3, Vec3};
 use headbox_core::cube_face::Face;
 use headbox_core::environment::Environment;
 use headbox_cube::model::depth_bins::DepthBins;
 use headbox_cube::model::info::CaptureInfo;
-use headbox_cube::model::parameters::CaptureParameters;
-use headbox_cube::model::parameters::MergeRule;
+use headbox_cube::model::parameters::{CaptureParameters, MergeRule};
 use headbox_cube::model::samples::{CubeSamples, EncodedNormal};
 use headbox_cube::pack::{CubeLdi, PackError, SplatIndexLayout, Split};
 use headbox_cube::planes as primitives;
 use headbox_ldi::from_images::layers::LayerCube;
 use headbox_ldi::from_images::row_samples::{ImageSample, LinearColor16, RowSamples};
-use headbox_trace::bvh::{HitPacket, PACKET, Ray, RayPacket};
+use headbox_trace::bvh::{PACKET, Ray, RayPacket};
 use rayon::prelude::*;
 
-/// Distance from the centre of a backdrop's cube within which eyes are assumed when depths are
-/// merged, metres.
+/// Largest assumed distance of an eye from the centre of a backdrop's cube, for merging depths,
+/// metres.
 const BASELINE_M: f64 = 1.5;
 
-/// Half of the edge of the headbox whose corners are so far from its centre, metres.
+/// Half edge of the headbox whose corners are [`BASELINE_M`] from its centre, metres.
 const HALF_SIZE_M: f64 = BASELINE_M / 1.732_050_807_568_877_2;
 
-/// Error bound of plane textures, px of the frames that [`primitives::Bound`] names, for eyes
-/// within [`BASELINE_M`]. Faces of 308 pixels have frames with a focal length of 200 px; frames of
-/// 640x512 have 443, hence half a pixel there.
+/// Error bound of plane textures, pixels of the frames in [`primitives::Bound`], for eyes within
+/// [`BASELINE_M`]. Faces of 308 pixels have frames with a focal length of 200 px; frames of 640x512
+/// have 443, hence half a pixel there.
 const ERROR_PX: f64 = 0.25;
 
-/// Texels a side of the sky behind a portal.
+/// Face size of the environment behind a portal, texels.
 const ENVIRONMENT_PX: u32 = 64;
 
-/// A sample with its row: face and row of it, in this order of significance.
+/// A sample with its row number: face times rows per face, plus row.
 type RowSample = (u32, ImageSample);
 
-/// Rays that are traced together, in the tracer's local frame.
+/// Rays that are traced together, in the tracer's local space.
 #[derive(Default)]
 pub(super) struct RayBatch {
     /// Index of the source image; image 0 is pinned (C11).
     pub(super) image: u8,
-    /// From where surfaces look as large as they were sampled: the eye of an image, or `None` for
-    /// the rays' own starts.
+    /// Eye from which the area of samples is measured: that of the image, or `None` for each ray's
+    /// own start.
     pub(super) eye: Option<Vec3>,
-    /// Starts, on the portal's plane, and directions.
+    /// Origins, on the portal's plane, and directions.
     pub(super) rays: Vec<(Vec3, Vec3)>,
 }
 
-/// A cube to be filled.
+/// Capture of one cube LDI.
 pub(super) struct CubeJob<'a> {
     pub(super) house: &'a House,
-    /// World metres.
+    /// Centre of the cube, world metres.
     pub(super) centre: DVec3,
     pub(super) face_px: u32,
     pub(super) rule: MergeRule,
-    /// True to repair gaps ([`BackdropMender`]) and to replace planar parts by plane textures;
-    /// images are taken as they are.
-    pub(super) mends: bool,
+    /// True to repair gaps ([`BackdropRepair`]) and to replace planar parts by plane textures;
+    /// false for images.
+    pub(super) repairs: bool,
 }
 
 impl CubeJob<'_> {
-    /// Traces batches `0..count`, which `fill` makes, and packs what they meet.
+    /// Traces the batches `0..count`, whose rays `fill` generates, and packs the samples.
     pub(super) fn run(
         &self,
         count: u32,
@@ -86,35 +85,32 @@ impl CubeJob<'_> {
                 let (samples, misses) = self.trace(batch);
                 ((batch.image, samples), misses)
             });
-        let (samples, misses): (Vec<_>, Vec<_>) = batches.unzip();
+        let (samples, misses): (Vec<_>, Vec<Vec<u32>>) = batches.unzip();
         let mut reached = vec![false; 6 * (ENVIRONMENT_PX as usize).pow(2)];
-        let missed = misses.iter().any(|misses| !misses.is_empty());
-        misses
-            .into_iter()
-            .flatten()
-            .for_each(|texel: u32| reached[texel as usize] = true);
-        let environment = match missed {
-            true => self
-                .house
-                .lighting()
-                .environment_where(ENVIRONMENT_PX, |texel| reached[texel]),
-            false => Environment::default(),
+        for &texel in misses.iter().flatten() {
+            reached[texel as usize] = true;
+        }
+        let environment = if reached.contains(&true) {
+            let lighting = self.house.lighting();
+            lighting.environment_where(ENVIRONMENT_PX, |texel| reached[texel])
+        } else {
+            Environment::default()
         };
         let mut cube = self.merge(&samples, environment);
-        if !self.mends {
+        if !self.repairs {
             return CubeLdi::pack(&cube, SplatIndexLayout::Normal, Split::Auto);
         }
-        let mender = BackdropMender {
+        let repair = BackdropRepair {
             house: self.house,
             centre: self.centre,
             tolerance: self.tolerance(),
         };
-        mender.mend(&mut cube.faces);
+        repair.run(&mut cube.faces);
         primitives::pack_in_parts(cube, SplatIndexLayout::Normal, Split::Auto, ERROR_PX)
     }
 
-    /// The samples of a batch, each with its row, and the environment's texels that its misses
-    /// reach.
+    /// Traces a batch. Returns its samples, each with its row, and the environment texels of rays
+    /// without a hit.
     fn trace(&self, batch: &RayBatch) -> (Vec<RowSample>, Vec<u32>) {
         let tracer = self.house.tracer();
         let from_centre = (tracer.origin() - self.centre).as_vec3();
@@ -128,11 +124,11 @@ impl CubeJob<'_> {
                 t_max: f32::INFINITY,
             };
             let rays: Vec<Ray> = rays.iter().map(ray).collect();
-            let hits: HitPacket = tracer.closest_packet(&RayPacket::from_rays(&rays));
+            let hits = tracer.closest_packet(&RayPacket::from_rays(&rays));
             for (lane, ray) in rays.iter().enumerate() {
                 let Some(hit) = hits.hit(lane) else {
                     let (face, [right, up, depth]) = Face::locate(ray.direction);
-                    misses.push(texel(face, right / depth, up / depth, ENVIRONMENT_PX));
+                    misses.push(texel_index(face, right / depth, up / depth, ENVIRONMENT_PX));
                     continue;
                 };
                 let position = ray.origin + ray.direction * hit.t;
@@ -141,31 +137,24 @@ impl CubeJob<'_> {
                     continue;
                 }
                 let (color, normal) = self.house.surface(ray, &hit);
-                let seen_from = position - batch.eye.unwrap_or(ray.origin);
-                let area = patch_area(seen_from, normal);
-                let pixel = texel(face, right / depth, up / depth, self.face_px);
+                let from_eye = position - batch.eye.unwrap_or(ray.origin);
+                let area = patch_area(from_eye, normal);
+                let pixel = texel_index(face, right / depth, up / depth, self.face_px);
                 let mut inverse_depth = 1.0 / depth;
                 if batch.eye.is_none() {
-                    let [x, y] = middle(pixel, self.face_px);
-                    let shift = slope(
-                        face,
-                        normal,
-                        position + from_centre,
-                        [x - right / depth, y - up / depth],
-                    );
-                    // Far away half of what is similar can be more than all there is.
+                    let [x, y] = texel_center(pixel, self.face_px);
+                    let step = [x - right / depth, y - up / depth];
+                    let shift = inverse_depth_change(face, normal, position + from_centre, step);
+                    // Far away half of the similarity bound can exceed the inverse depth.
                     let most = most.min(inverse_depth / 2.0);
-                    // `max` and `min` also turn the NaN of a plane through the centre into a
-                    // number.
+                    // `max` and `min` also remove the NaN of a plane through the centre.
                     inverse_depth += shift.max(-most).min(most);
                 }
-                let normal = EncodedNormal::new(normal);
-                let (column, color) = ((pixel % self.face_px) as u16, LinearColor16::new(color));
                 let sample = ImageSample {
-                    column,
+                    column: (pixel % self.face_px) as u16,
                     inverse_depth,
-                    normal,
-                    color,
+                    normal: EncodedNormal::new(normal),
+                    color: LinearColor16::new(color),
                     weight: 1.0,
                     area,
                 };
@@ -175,25 +164,24 @@ impl CubeJob<'_> {
         (samples, misses)
     }
 
-    /// The difference of inverse depths that counts as similar, 1/m.
+    /// Returns the similarity bound: the largest difference of similar inverse depths, 1/m.
     fn tolerance(&self) -> f32 {
         DepthBins::new(HALF_SIZE_M, self.face_px).inverse_depth(1.0) as f32
     }
 
-    /// The cube of samples in the order of their rays, batch by batch, each of an image.
+    /// Merges samples, given in the order of their rays, batch by batch with its image, to a cube.
     fn merge(&self, batches: &[(u8, Vec<RowSample>)], environment: Environment) -> CubeSamples {
-        let pile = |batches: &[(u8, Vec<RowSample>)]| {
-            let mut pile = RowSamples::new(self.face_px, batches[0].0.into());
-            batches
-                .iter()
-                .flat_map(|(_, samples)| samples)
-                .for_each(|&(row, sample)| pile.push(row, sample));
-            pile
+        let image_samples = |batches: &[(u8, Vec<RowSample>)]| {
+            let mut rows = RowSamples::new(self.face_px, batches[0].0.into());
+            for &(row, sample) in batches.iter().flat_map(|(_, samples)| samples) {
+                rows.push(row, sample);
+            }
+            rows
         };
-        let piles: Vec<RowSamples> = batches.chunk_by(|a, b| a.0 == b.0).map(pile).collect();
+        let images = batches.chunk_by(|a, b| a.0 == b.0).map(image_samples);
         let mut cube = LayerCube::new(self.face_px, self.rule, self.tolerance());
-        cube.add(&piles);
-        // No strata: what was gathered says where its rays came from.
+        cube.add(&images.collect::<Vec<_>>());
+        // No strata: the rays do not start in a headbox.
         let parameters = CaptureParameters {
             merge_rule: self.rule,
             ..CaptureParameters::unlit(0, 0)
@@ -219,29 +207,31 @@ impl CubeJob<'_> {
     }
 }
 
-/// Area of the surface patch that a pixel of an image covers, times the square of the image's focal
-/// length in pixels: Z^3 / |n . p| for the point `p` as seen from the image's eye, metres (C10).
-/// The images are cubes, so Z is the largest component.
+/// Returns the area of the surface patch that a pixel of an image covers, times the square of the
+/// image's focal length in pixels: Z^3 / |n . p| for the point `p` relative to the image's eye,
+/// metres (C10). The images are cubes, so Z is the largest component.
 fn patch_area(p: Vec3, normal: Vec3) -> f32 {
     p.abs().max_element().powi(3) / normal.dot(p).abs().max(1e-6)
 }
 
-/// Number of a texel: face, row, column; `right` and `up` in -1..1.
-fn texel(face: Face, right: f32, up: f32, size_px: u32) -> u32 {
+/// Returns the index of a texel (face, row, column) at a position on a face; `right` and `up` in
+/// -1..1.
+fn texel_index(face: Face, right: f32, up: f32, size_px: u32) -> u32 {
     let half = size_px as f32 / 2.0;
-    let at = |c: f32| ((half * (1.0 + c)) as u32).min(size_px - 1);
-    (face.index() as u32 * size_px + at(-up)) * size_px + at(right)
+    let index = |c: f32| ((half * (1.0 + c)) as u32).min(size_px - 1);
+    (face.index() as u32 * size_px + index(-up)) * size_px + index(right)
 }
 
-/// The middle of a texel: right and up, in -1..1.
-fn middle(texel: u32, size_px: u32) -> [f32; 2] {
+/// Returns the centre of a texel: right and up, in -1..1.
+fn texel_center(texel: u32, size_px: u32) -> [f32; 2] {
     let at = |i: u32| (2 * (i % size_px) + 1) as f32 / size_px as f32 - 1.0;
     [at(texel), -at(texel / size_px)]
 }
 
-/// Change of inverse depth per step to the right and up on a face, 1/m, for a plane with a normal
-/// through a point (relative to the cube's centre). Infinite or NaN for a plane through the centre.
-fn slope(face: Face, normal: Vec3, point: Vec3, [right, up]: [f32; 2]) -> f32 {
+/// Returns the change of inverse depth for a step to the right and up on a face, 1/m, on a plane
+/// through a point (relative to the cube's centre) with a normal. Infinite or NaN for a plane
+/// through the centre.
+fn inverse_depth_change(face: Face, normal: Vec3, point: Vec3, [right, up]: [f32; 2]) -> f32 {
     let step = face.right().as_vec3() * right + face.up().as_vec3() * up;
     normal.dot(step) / normal.dot(point)
 }
@@ -324,13 +314,13 @@ mod tests {
     #[test]
     fn traced_samples_have_the_area_seen_from_the_images_eye() {
         let house = House::new(headbox_scenes::house(0, 5_000)).expect("a built-in scene");
-        let eye = house.middle_of(0).expect("a cell");
+        let eye = house.cell_centre(0).expect("a cell");
         let job = CubeJob {
             house: &house,
             centre: eye,
             face_px: 32,
             rule: MergeRule::SmallerArea,
-            mends: false,
+            repairs: false,
         };
         let local = (eye - house.tracer().origin()).as_vec3();
         let mut rng = headbox_core::random::Rng::keyed(6);
@@ -368,9 +358,9 @@ mod tests {
     fn hit_depth_is_plane_at_pixel_centre() {
         let (normal, point) = (Vec3::new(0.6, 0.64, 0.48), Vec3::new(0.7, -1.1, 3.0));
         let (face, [right, up, depth]) = Face::locate(point);
-        let pixel = texel(face, right / depth, up / depth, 8);
-        let [x, y] = middle(pixel, 8);
-        assert_eq!(texel(face, x, y, 8), pixel);
+        let pixel = texel_index(face, right / depth, up / depth, 8);
+        let [x, y] = texel_center(pixel, 8);
+        assert_eq!(texel_index(face, x, y, 8), pixel);
         assert!(
             (x - right / depth).abs() <= 0.125 && (y - up / depth).abs() <= 0.125,
             "in one pixel"
@@ -378,7 +368,8 @@ mod tests {
         let (column, row) = (f64::from(pixel % 8) + 0.5, f64::from(pixel / 8 % 8) + 0.5);
         let direction = face.direction(column, row, 8).as_vec3();
         let expected = normal.dot(direction) / normal.dot(point);
-        let found = 1.0 / depth + slope(face, normal, point, [x - right / depth, y - up / depth]);
+        let found = 1.0 / depth
+            + inverse_depth_change(face, normal, point, [x - right / depth, y - up / depth]);
         assert!(
             (found - expected).abs() < 1e-6 && (found - 1.0 / depth).abs() > 1e-3,
             "{found} {expected}: rounding of f32"

@@ -1,21 +1,21 @@
 //! Backdrops: representations of everything behind a portal (R2, R9, R11, P2; D1).
 //!
 //! Every backdrop belongs to one side of one portal. Its samples come from rays that start on the
-//! portal's plane, so that nothing in front of it is ever taken for what lies behind, and it is
-//! drawn into the portal's pixels alone.
+//! portal's plane, so that surfaces in front of it are excluded, and it is drawn only into the
+//! portal's pixels.
 //!
-//! * `texture`: what the plane shows from one place or from many.
+//! * `texture`: textures on the portal's plane, from one eye or from several.
 //! * `images`: depth images from a semicircle: one warped, the two nearest warped, or all in one
 //!   LDI.
-//! * `sprite`: a sprite with depth where what lies behind is smooth.
+//! * `sprite`: a sprite with depth, if the view behind the portal is smooth.
 //! * `window`: cube LDIs from rays through the whole opening in all directions.
-//! * `gather`: from rays to a cube LDI, with the conflict rules, and what is flat to pictures on
-//!   planes, as captures have it (`headbox_cube::planes`); `mend`: what random rays left out of it.
+//! * `gather`: cube LDIs from rays, with the merge rules; planar parts become plane textures
+//!   (`headbox_cube::planes`). `repair`: gaps that random rays leave in them.
 
 mod draw;
 mod gather;
 mod images;
-mod mend;
+mod repair;
 mod sprite;
 mod texture;
 mod window;
@@ -32,34 +32,34 @@ use headbox_cube::pack::{CubeLdi, PackError};
 use headbox_sprite::SpriteError;
 use serde::{Deserialize, Serialize};
 
-/// Ways to show what is behind a portal.
+/// Kinds of backdrops.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum BackdropKind {
-    /// One texture on the portal's plane, as seen from straight in front (R2a).
+    /// One texture on the portal's plane, from an eye straight in front (R2a).
     Texture,
-    /// Textures from a semicircle, the nearest to the eye shown (R2b).
+    /// Textures from a semicircle of eyes; the one nearest to the eye is drawn (R2b).
     Textures,
     /// One depth image from straight in front, warped (R5).
     Image,
     /// The two nearest of the depth images from a semicircle, the farther warped first (R9).
     TwoImages,
-    /// All depth images from a semicircle in one LDI about the central one; of samples at similar
-    /// depth the one with the smaller area stays, those of one image all stay, and those of the
-    /// central image are never displaced (R11).
+    /// All depth images from a semicircle in one LDI about the central one. Of samples at similar
+    /// depth the one with the smaller area is kept; samples of the same image are all kept, and
+    /// those of the central image are never replaced (R11).
     Ldi,
-    /// The same; samples at similar depth both stay if their colours differ (P2).
+    /// As `Ldi`, but samples at similar depth are both kept if their colours differ (P2).
     LdiColorsApart,
-    /// The same; samples at similar depth are averaged (S12).
+    /// As `Ldi`, but samples at similar depth are averaged (S12).
     LdiAverage,
-    /// A cube LDI about a place in front of the portal's middle, from rays through the whole
+    /// A cube LDI about a point in front of the portal's middle, from rays through the whole
     /// opening.
     WindowLdi,
-    /// Same as [`Self::WindowLdi`], centred in the viewing cell: the part of the cell's cube LDI
-    /// that belongs to this portal.
+    /// As `WindowLdi`, centred in the viewing cell: the part of the cell's cube LDI that belongs to
+    /// this portal.
     CellLdi,
-    /// A sprite with depth from straight in front, drawn in two passes (S5), where what lies behind
-    /// is smooth; elsewhere [`Self::WindowLdi`].
+    /// A sprite with depth from straight in front, drawn in two passes (S5), if the view behind the
+    /// portal is smooth; else `WindowLdi`.
     Sprite,
 }
 
@@ -77,7 +77,7 @@ headbox_core::named_variants!(BackdropKind {
 });
 
 impl BackdropKind {
-    /// The conflict rule under which its images are merged (D1).
+    /// Returns the rule by which its samples are merged (D1).
     fn rule(self) -> MergeRule {
         match self {
             Self::LdiColorsApart => MergeRule::ColorsApart,
@@ -92,26 +92,27 @@ impl BackdropKind {
 /// Capture quality of backdrops.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct BackdropQuality {
-    /// Pixels a side of the faces of cubes, and of the images: 90 degrees.
+    /// Face size of cubes and images (90 degrees), pixels.
     pub face_px: u32,
-    /// The same for [`BackdropKind::WindowLdi`], which sees a wider field than an image: about half
-    /// of a sphere.
+    /// Face size of [`BackdropKind::WindowLdi`], pixels; its field of view is wider than an
+    /// image's, about a hemisphere.
     pub window_face_px: u32,
     /// Distance of the centre of [`BackdropKind::WindowLdi`] in front of the portal's middle,
-    /// metres. On the portal itself half of the samples lie beside what anyone farther away sees;
-    /// an eye's distance away it would be an image's.
+    /// metres. At 0 half of the samples would be invisible from farther away; at an eye's distance
+    /// it would be an image.
     pub window_back_m: f64,
-    /// Images on a semicircle are twice this and one more (n = 6 in the papers).
+    /// Number n of images to each side of the central one on the semicircle: 2 n + 1 in total (n =
+    /// 6 in the papers).
     pub images: u32,
     /// Radius of the semicircle, metres.
     pub radius_m: f64,
-    /// Height of the eye above a portal's lower edge for which images are taken, metres.
+    /// Height of the images' eyes above a portal's lower edge, metres.
     pub eye_height_m: f64,
-    /// Pixels of the longer side of a texture.
+    /// Longer side of a texture, pixels.
     pub texture_px: u32,
-    /// Strata along each of the four dimensions of a window's rays.
+    /// Number of strata along each of the four dimensions of a window's rays.
     pub strata: u32,
-    /// Rays in each stratum.
+    /// Number of rays in each stratum.
     pub rays: u32,
     /// Random seed.
     pub seed: u64,
@@ -137,21 +138,21 @@ impl Default for BackdropQuality {
 /// Representation of everything behind a portal.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Backdrop {
-    /// Colours on the portal's plane.
+    /// Textures on the portal's plane.
     Textures(TextureSet),
-    /// Cubes, each with the place from which it was taken; of several the two nearest are drawn.
+    /// Cubes, each about its own centre; of several the two nearest are drawn.
     Cubes(Vec<CubeLdi>),
     /// A sprite with depth.
     Sprite(Box<PortalSprite>),
 }
 
-/// Why a backdrop could not be made.
+/// Error of capturing a backdrop.
 #[derive(Debug, thiserror::Error)]
 pub enum BackdropError {
     /// There is no such portal, or it has no area.
     #[error("there is no portal {0}, or it has no area")]
     NoPortal(u32),
-    /// Numbers that allow no capture.
+    /// Invalid quality.
     #[error("a backdrop needs {0}")]
     Quality(&'static str),
     /// The LDI could not be packed.
@@ -159,7 +160,7 @@ pub enum BackdropError {
     Pack {
         /// Index of the portal.
         portal: u32,
-        /// Why.
+        /// Cause.
         source: PackError,
     },
     /// The sprite could not be made.
@@ -167,7 +168,7 @@ pub enum BackdropError {
     Sprite {
         /// Index of the portal.
         portal: u32,
-        /// Why.
+        /// Cause.
         source: SpriteError,
     },
 }
@@ -177,12 +178,12 @@ pub enum BackdropError {
 pub struct PortalSide {
     /// Index of the portal.
     pub portal: u32,
-    /// 0 or 1: which of the portal's cells looks.
+    /// Viewing cell: 0 or 1, index into the portal's cells.
     pub side: u8,
 }
 
 impl PortalSide {
-    /// The opening in a house, if there is one.
+    /// Returns the opening; `None` if the portal does not exist or has no area.
     pub fn opening(self, house: &House) -> Option<Opening> {
         Opening::new(
             house.plan().portals.get(self.portal as usize)?,
@@ -190,7 +191,7 @@ impl PortalSide {
         )
     }
 
-    /// The cell that looks and the cell behind.
+    /// Returns the viewing cell and the cell behind the portal.
     pub fn cells(self, house: &House) -> Option<[u32; 2]> {
         let [a, b] = house.plan().portals.get(self.portal as usize)?.cells;
         Some(if self.side & 1 == 0 { [a, b] } else { [b, a] })
@@ -198,7 +199,7 @@ impl PortalSide {
 }
 
 impl BackdropQuality {
-    /// Checks that a capture with these numbers makes sense.
+    /// Checks that the values allow a capture.
     ///
     /// # Errors
     /// [`BackdropError::Quality`].
@@ -239,7 +240,7 @@ impl BackdropQuality {
 }
 
 impl Backdrop {
-    /// Captures what is behind one side of a portal.
+    /// Captures the backdrop of one side of a portal.
     ///
     /// # Errors
     /// See [`BackdropError`].
@@ -252,20 +253,18 @@ impl Backdrop {
         quality.validate()?;
         let no_portal = || BackdropError::NoPortal(at.portal);
         let opening = at.opening(house).ok_or_else(no_portal)?;
-        let [looking, _] = at.cells(house).ok_or_else(no_portal)?;
-        let places = opening.semicircle(quality.images, quality.radius_m, quality.eye_height_m);
+        let [viewing_cell, _] = at.cells(house).ok_or_else(no_portal)?;
+        let eyes = opening.semicircle(quality.images, quality.radius_m, quality.eye_height_m);
         let pack = |result: Result<CubeLdi, PackError>| {
             result.map_err(|source| BackdropError::Pack {
                 portal: at.portal,
                 source,
             })
         };
-        let one =
-            |places: &[DVec3]| pack(images::ldi(house, &opening, places, kind.rule(), quality));
+        let merge = |eyes: &[DVec3]| pack(images::ldi(house, &opening, eyes, kind.rule(), quality));
         let cube = |centre: DVec3, face_px: u32| {
-            Ok(Self::Cubes(vec![pack(window::ldi(
-                house, &opening, centre, face_px, quality,
-            ))?]))
+            let cube = pack(window::ldi(house, &opening, centre, face_px, quality))?;
+            Ok(Self::Cubes(vec![cube]))
         };
         let window = || {
             cube(
@@ -275,32 +274,31 @@ impl Backdrop {
         };
         Ok(match kind {
             BackdropKind::Texture => {
-                Self::Textures(TextureSet::capture(house, &opening, &places[..1], quality))
+                Self::Textures(TextureSet::capture(house, &opening, &eyes[..1], quality))
             }
             BackdropKind::Textures => {
-                Self::Textures(TextureSet::capture(house, &opening, &places, quality))
+                Self::Textures(TextureSet::capture(house, &opening, &eyes, quality))
             }
-            BackdropKind::Image => Self::Cubes(vec![one(&places[..1])?]),
-            BackdropKind::TwoImages => Self::Cubes(
-                places
-                    .iter()
-                    .map(|place| one(std::slice::from_ref(place)))
-                    .collect::<Result<_, _>>()?,
-            ),
+            BackdropKind::Image => Self::Cubes(vec![merge(&eyes[..1])?]),
+            BackdropKind::TwoImages => {
+                let cubes = eyes.iter().map(|eye| merge(std::slice::from_ref(eye)));
+                Self::Cubes(cubes.collect::<Result<_, _>>()?)
+            }
             BackdropKind::Ldi | BackdropKind::LdiColorsApart | BackdropKind::LdiAverage => {
-                Self::Cubes(vec![one(&places)?])
+                Self::Cubes(vec![merge(&eyes)?])
             }
             BackdropKind::WindowLdi => window()?,
             BackdropKind::CellLdi => cube(
-                house.middle_of(looking).unwrap_or(places[0]),
+                house.cell_centre(viewing_cell).unwrap_or(eyes[0]),
                 quality.face_px,
             )?,
             BackdropKind::Sprite => {
                 let sprite = PortalSprite::capture(house, &opening, quality);
-                match sprite.map_err(|source| BackdropError::Sprite {
+                let sprite = sprite.map_err(|source| BackdropError::Sprite {
                     portal: at.portal,
                     source,
-                })? {
+                })?;
+                match sprite {
                     Some(sprite) => Self::Sprite(Box::new(sprite)),
                     None => window()?,
                 }
@@ -308,7 +306,7 @@ impl Backdrop {
         })
     }
 
-    /// Bytes in memory, near enough.
+    /// Returns the approximate size in memory, bytes.
     pub fn bytes(&self) -> u64 {
         match self {
             Self::Textures(set) => set.bytes(),
@@ -317,12 +315,12 @@ impl Backdrop {
         }
     }
 
-    /// Returns true if it has plane textures.
+    /// Returns true if the backdrop has plane textures.
     pub(super) fn has_planes(&self) -> bool {
         matches!(self, Self::Cubes(cubes) if cubes.iter().any(|cube| !cube.planes.tiles.is_empty()))
     }
 
-    /// Depth pixels of all cubes; texels of textures; pixels of a sprite.
+    /// Returns the number of depth pixels of all cubes, of texels, or of the sprite's pixels.
     pub fn sample_count(&self) -> u64 {
         match self {
             Self::Textures(set) => set.bytes() / 4,

@@ -1,5 +1,4 @@
-//! A sprite with depth behind a portal, where what lies behind is smooth enough for one (S1, S5;
-//! R2).
+//! Sprite with depth behind a portal, if the view there is smooth enough for one (S1, S5; R2).
 
 use super::BackdropQuality;
 use crate::house::House;
@@ -17,31 +16,31 @@ use headbox_trace::bvh::Ray;
 use image::{Rgba, RgbaImage};
 use rayon::prelude::*;
 
-/// Displacements of the eye for which disocclusion is measured, metres: a step to the side, and a
-/// nod.
+/// Displacements of the eye for which disocclusion is measured, metres: horizontal and vertical.
 const STEP_M: [f64; 2] = [0.5, 0.1];
 
 /// Largest disoccluded share of the sprite for which the view counts as smooth.
 const SMOOTH_SHARE: f64 = 0.03;
 
-/// Largest parallax against the sprite's plane, for a step to the side, that two passes draw well:
+/// Largest parallax against the sprite's plane, for the horizontal step, that two passes draw well:
 /// root mean square over the focal length (S1: the step times the spread of inverse depth).
-const MOST_PARALLAX: f64 = 0.04;
+const MAX_PARALLAX: f64 = 0.04;
 
-/// Depth behind the portal's plane up to which surfaces are its own frame and are ignored, metres.
+/// Distance behind the portal's plane within which surfaces belong to the door frame and are not
+/// tested, metres.
 const REVEAL_M: f32 = 0.3;
 
-/// Distance of the sprite's eye from the portal over half of its longer side: so near, it sees what
-/// an eye farther away sees from the side, too.
-const PLACE: f64 = 0.75;
+/// Distance of the sprite's eye from the portal, as a share of half of its longer side: so near
+/// that it also covers oblique views of a farther eye.
+const EYE_DISTANCE: f64 = 0.75;
 
-/// Rays a side of each pixel.
-const RAYS_A_SIDE: u32 = 2;
+/// Number of rays along each side of a pixel.
+const RAYS_PER_SIDE: u32 = 2;
 
-/// Depth of the sky, metres: at a step to the side it moves by a hundredth of a pixel.
+/// Depth of the sky, metres: for a horizontal step it moves by a hundredth of a pixel.
 const SKY_M: f32 = 1e5;
 
-/// A sprite of what is seen through an opening from one place.
+/// Sprite of the view through an opening.
 #[derive(Clone, Debug)]
 pub struct PortalSprite {
     prepared: PreparedSprite,
@@ -53,10 +52,10 @@ impl PartialEq for PortalSprite {
     }
 }
 
-/// Surface seen by a ray of a pixel.
+/// Pixel of a captured sprite.
 struct Pixel {
     color: [u8; 4],
-    /// Eye depth, metres; NaN outside of the opening.
+    /// Eye depth, metres; NaN outside the opening.
     depth: f32,
     /// Distance from the portal's plane, metres.
     behind_m: f32,
@@ -75,35 +74,36 @@ impl PortalSprite {
         self.prepared.sprite()
     }
 
-    /// Captures what shows through an opening from straight in front; `None` if it is not smooth,
-    /// or so deep that a picture on a plane is a poor stand-in.
+    /// Captures the view through an opening from straight in front; `None` if it is not smooth, or
+    /// too deep for an image on a plane.
     pub(super) fn capture(
         house: &House,
         opening: &Opening,
         quality: &BackdropQuality,
     ) -> Result<Option<Self>, SpriteError> {
-        let place = opening.centre + opening.normal * (opening.half.max_element() * PLACE);
-        // As fine in the middle as a texture is.
+        let place = opening.centre + opening.normal * (opening.half.max_element() * EYE_DISTANCE);
+        // The same resolution in the middle as a texture.
         let Some(camera) = camera(opening, place, 2 * quality.texture_px) else {
             return Ok(None);
         };
         let row = |y: u32| {
             (0..camera.width())
-                .map(move |x| pixel(house, opening, &camera, [x, y]))
+                .map(move |x| trace_pixel(house, opening, &camera, [x, y]))
                 .collect::<Vec<_>>()
         };
         let rows: Vec<Vec<Pixel>> = (0..camera.height()).into_par_iter().map(row).collect();
-        let depth: Vec<f32> = rows.iter().flatten().map(|pixel| pixel.depth).collect();
-        let beyond = |pixel: &Pixel| {
+        let pixels = || rows.iter().flatten();
+        let depth: Vec<f32> = pixels().map(|pixel| pixel.depth).collect();
+        let tested_depth = |pixel: &Pixel| {
             if pixel.behind_m > REVEAL_M {
                 pixel.depth
             } else {
                 f32::NAN
             }
         };
-        let judged: Vec<f32> = rows.iter().flatten().map(beyond).collect();
-        if judged.iter().all(|depth| depth.is_nan())
-            || disoccluded_share(&camera, &judged) > SMOOTH_SHARE
+        let tested: Vec<f32> = pixels().map(tested_depth).collect();
+        if tested.iter().all(|depth| depth.is_nan())
+            || disoccluded_share(&camera, &tested) > SMOOTH_SHARE
         {
             return Ok(None);
         }
@@ -120,7 +120,7 @@ impl PortalSprite {
             format: DisplacementFormat::I16,
         };
         let sprite = import.build()?;
-        Ok((parallax(&sprite, &judged) <= MOST_PARALLAX).then(|| Self::new(sprite)))
+        Ok((parallax(&sprite, &tested) <= MAX_PARALLAX).then(|| Self::new(sprite)))
     }
 
     /// Bytes in memory, near enough.
@@ -128,14 +128,14 @@ impl PortalSprite {
         12 * self.sample_count()
     }
 
-    /// Pixels.
+    /// Returns the number of pixels.
     pub(super) fn sample_count(&self) -> u64 {
         let (width, height) = self.sprite().sprite().color().dimensions();
         u64::from(width) * u64::from(height)
     }
 }
 
-/// The buffers that drawing sprites needs.
+/// Renderer of sprites with its buffers.
 #[derive(Default)]
 pub(super) struct SpriteDrawer {
     renderer: SpriteRenderer,
@@ -143,8 +143,8 @@ pub(super) struct SpriteDrawer {
 }
 
 impl SpriteDrawer {
-    /// Draws a sprite on a frame of the camera's size, which is all holes; pixels that it leaves
-    /// open stay holes.
+    /// Draws a sprite into a frame of the camera's size that consists of holes; pixels that it does
+    /// not cover remain holes.
     pub(super) fn draw(&mut self, sprite: &PortalSprite, camera: &Camera, frame: &mut Frame) {
         self.renderer.render(
             &sprite.prepared,
@@ -158,7 +158,7 @@ impl SpriteDrawer {
             .zip(&mut frame.coverage)
             .zip(self.drawn.pixels());
         for ((color, coverage), &[r, g, b, alpha]) in pixels {
-            // Premultiplied; what a border's pixel lacks is more of the same.
+            // Un-premultiplies the colour: partly covered border pixels become opaque.
             if alpha >= 32 {
                 let whole = u32::from(alpha);
                 let straight = |c: u8| ((u32::from(c) * 255 + whole / 2) / whole).min(255) as u8;
@@ -169,12 +169,12 @@ impl SpriteDrawer {
     }
 }
 
-/// A camera at a place that sees the whole opening, which is `texture_px` pixels wide or high or
-/// fewer in it.
+/// Returns a camera at `place` that covers the whole opening; the longer side of its image is
+/// `texture_px`.
 fn camera(opening: &Opening, place: DVec3, texture_px: u32) -> Option<Camera> {
     let up = opening.up;
     let probe = Camera::look_at(place, opening.centre, up, 90.0, [2, 2]).ok()?;
-    // With this focal length of 1 px, positions are tangents.
+    // The focal length is 1 px, so that positions are tangents.
     let tangent = opening
         .corners
         .iter()
@@ -189,13 +189,14 @@ fn camera(opening: &Opening, place: DVec3, texture_px: u32) -> Option<Camera> {
     Camera::look_at(place, opening.centre, up, fov_y_deg, [width, height]).ok()
 }
 
-/// The mean of a pixel's rays that pass the opening, and the depth along its middle.
-fn pixel(house: &House, opening: &Opening, camera: &Camera, [x, y]: [u32; 2]) -> Pixel {
+/// Traces a pixel: mean radiance of the rays that pass the opening, and depth of the ray through
+/// its centre.
+fn trace_pixel(house: &House, opening: &Opening, camera: &Camera, [x, y]: [u32; 2]) -> Pixel {
     let (mut sum, mut hits, mut nearest) = (Vec3::ZERO, 0u32, f32::NAN);
-    for i in 0..RAYS_A_SIDE * RAYS_A_SIDE {
+    for i in 0..RAYS_PER_SIDE * RAYS_PER_SIDE {
         let at =
-            |pixel: u32, k: u32| f64::from(pixel) + (f64::from(k) + 0.5) / f64::from(RAYS_A_SIDE);
-        let direction = camera.direction(at(x, i % RAYS_A_SIDE), at(y, i / RAYS_A_SIDE));
+            |pixel: u32, k: u32| f64::from(pixel) + (f64::from(k) + 0.5) / f64::from(RAYS_PER_SIDE);
+        let direction = camera.direction(at(x, i % RAYS_PER_SIDE), at(y, i / RAYS_PER_SIDE));
         let Some((color, depth)) = radiance(house, opening, camera.eye(), direction) else {
             continue;
         };
@@ -213,7 +214,7 @@ fn pixel(house: &House, opening: &Opening, camera: &Camera, [x, y]: [u32; 2]) ->
     let middle = camera.direction(f64::from(x) + 0.5, f64::from(y) + 0.5);
     let depth = radiance(house, opening, camera.eye(), middle).map_or(nearest, |(_, depth)| depth);
     let [r, g, b] = (sum / hits as f32).to_array().map(srgb8_from_linear);
-    // Directions have an eye depth of 1: so many metres of depth make this way along the normal.
+    // Directions have eye depth 1: distance along the normal per metre of depth.
     let toward = -opening.normal.dot(middle);
     let behind_m = (f64::from(depth) * toward - opening.distance_in_front(camera.eye())) as f32;
     Pixel {
@@ -246,19 +247,12 @@ fn radiance(
         t_min: 0.0,
         t_max: f32::INFINITY,
     };
-    let lighting = house.lighting();
-    Some(match house.tracer().closest(&ray) {
-        Some(hit) => (house.surface(&ray, &hit).0, start as f32 + hit.t),
-        None => {
-            let light = Vec3::from(lighting.miss_radiance(ray.direction.normalize_or_zero()))
-                * lighting.exposure;
-            (light, SKY_M)
-        }
-    })
+    let (radiance, distance) = house.radiance(&ray);
+    Some((radiance, distance.map_or(SKY_M, |t| start as f32 + t)))
 }
 
-/// The share of the picture that a step to the side and a nod uncover: gaps between neighbours that
-/// move apart by more than a pixel, counted along rows and columns.
+/// Returns the share of the image that the horizontal and vertical step disocclude: gaps between
+/// neighbours that move apart by more than a pixel, along rows and columns.
 fn disoccluded_share(camera: &Camera, depth: &[f32]) -> f64 {
     let width = camera.width() as usize;
     let inverse = |i: usize| {
@@ -271,19 +265,19 @@ fn disoccluded_share(camera: &Camera, depth: &[f32]) -> f64 {
         (Some(a), Some(b)) => ((a - b).abs() * camera.focal_px() * step - 1.0).max(0.0),
         _ => 0.0,
     };
-    let along = (0..depth.len())
+    let horizontal: f64 = (0..depth.len())
         .filter(|i| i % width + 1 < width)
         .map(|i| gap(i, i + 1, STEP_M[0]))
-        .sum::<f64>();
-    let across = (0..depth.len().saturating_sub(width))
+        .sum();
+    let vertical: f64 = (0..depth.len().saturating_sub(width))
         .map(|i| gap(i, i + width, STEP_M[1]))
-        .sum::<f64>();
+        .sum();
     let known = depth.iter().filter(|depth| depth.is_finite()).count();
-    (along + across) / known.max(1) as f64
+    (horizontal + vertical) / known.max(1) as f64
 }
 
-/// Root mean square parallax against the sprite's plane for a step to the side, over the focal
-/// length.
+/// Returns the root mean square parallax against the sprite's plane for the horizontal step, over
+/// the focal length.
 fn parallax(sprite: &SpriteWithDepth, depth: &[f32]) -> f64 {
     let (camera, plane) = (sprite.sprite().camera(), sprite.sprite().plane());
     let columns = camera.width() as usize;

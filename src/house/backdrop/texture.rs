@@ -1,4 +1,5 @@
-//! Portal textures: what the portal's plane shows from a place in front of it (R2).
+//! Portal textures: the view through a portal from an eye in front of it, as a texture on the
+//! portal's plane (R2).
 
 use super::BackdropQuality;
 use crate::house::House;
@@ -11,19 +12,19 @@ use headbox_core::texels;
 use headbox_trace::bvh::Ray;
 use rayon::prelude::*;
 
-/// Rays a side of each texel.
-const RAYS_A_SIDE: u32 = 2;
+/// Number of rays along each side of a texel.
+const RAYS_PER_SIDE: u32 = 2;
 
-/// Textures of one opening from one or more places.
+/// Textures of one opening from one or more eye positions.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TextureSet {
-    /// The rectangle that the textures cover.
+    /// Opening whose bounding rectangle the textures cover.
     pub(crate) opening: Opening,
     /// Columns and rows of each texture.
     pub(crate) size: [u32; 2],
-    /// From where each was taken, world metres.
+    /// Eye position of each texture, world metres.
     pub(crate) places: Vec<DVec3>,
-    /// sRGB, row 0 on top, one texture after the other.
+    /// Texels, sRGB, row 0 on top, one texture after the other.
     pub(crate) texels: Vec<[u8; 4]>,
 }
 
@@ -41,7 +42,7 @@ impl TextureSet {
         let row = |i: u32| -> Vec<[u8; 4]> {
             let (place, y) = (places[(i / size[1]) as usize], i % size[1]);
             (0..size[0])
-                .map(|x| texel(house, opening, origin, place, [x, y], size))
+                .map(|x| trace_texel(house, opening, origin, place, [x, y], size))
                 .collect()
         };
         let rows: Vec<_> = (0..places.len() as u32 * size[1])
@@ -60,8 +61,8 @@ impl TextureSet {
         4 * self.texels.len() as u64
     }
 
-    /// The texture taken nearest to the direction in which the eye is, as seen from the portal's
-    /// middle.
+    /// Returns the index of the texture whose eye position is nearest in direction to the eye, as
+    /// seen from the portal's middle.
     fn nearest(&self, eye: DVec3) -> usize {
         let toward = (eye - self.opening.centre).normalize_or_zero();
         let cosine = |place: &DVec3| {
@@ -69,15 +70,13 @@ impl TextureSet {
                 .normalize_or_zero()
                 .dot(toward)
         };
-        let best = self
-            .places
-            .iter()
-            .enumerate()
-            .max_by(|(_, a), (_, b)| cosine(a).total_cmp(&cosine(b)));
-        best.map_or(0, |(index, _)| index)
+        let places = &self.places;
+        (0..places.len())
+            .max_by(|&a, &b| cosine(&places[a]).total_cmp(&cosine(&places[b])))
+            .unwrap_or(0)
     }
 
-    /// Draws the plane on a whole frame; pixels that look past it are left as they are.
+    /// Draws the texture of the nearest eye position; pixels outside the rectangle are not changed.
     pub(super) fn draw(&self, camera: &Camera, frame: &mut Frame) {
         let [width, height] = self.size.map(|pixels| pixels as usize);
         let texture = self
@@ -98,8 +97,7 @@ impl TextureSet {
             .for_each(|(y, (colors, coverages))| {
                 let start = camera.direction(0.5, y as f64 + 0.5);
                 let step = camera.direction(1.5, y as f64 + 0.5) - start;
-                // Positions in the texture are quotients of functions that are linear along the
-                // row.
+                // Texture coordinates are quotients of functions that are linear along the row.
                 let plane = |axis: DVec3, half: f64, direction: DVec3| {
                     (axis.dot(direction) * along
                         - axis.dot(to_centre) * opening.normal.dot(direction))
@@ -134,11 +132,11 @@ impl TextureSet {
     }
 }
 
-/// A little beyond the rectangle, for the pixels on its border.
+/// Bound of texture coordinates: slightly beyond 1, for the pixels on the border.
 const MARGIN: f32 = 1.05;
 
-/// Mean of the rays through a texel.
-fn texel(
+/// Traces the rays through a texel; returns their mean.
+fn trace_texel(
     house: &House,
     opening: &Opening,
     origin: DVec3,
@@ -147,15 +145,15 @@ fn texel(
     size: [u32; 2],
 ) -> [u8; 4] {
     let mut sum = Vec3::ZERO;
-    for i in 0..RAYS_A_SIDE * RAYS_A_SIDE {
+    for i in 0..RAYS_PER_SIDE * RAYS_PER_SIDE {
         let at = |pixel: u32, k: u32, pixels: u32| {
-            (f64::from(pixel) + (f64::from(k) + 0.5) / f64::from(RAYS_A_SIDE)) / f64::from(pixels)
+            (f64::from(pixel) + (f64::from(k) + 0.5) / f64::from(RAYS_PER_SIDE)) / f64::from(pixels)
                 * 2.0
                 - 1.0
         };
         let flat = DVec2::new(
-            at(x, i % RAYS_A_SIDE, size[0]),
-            -at(y, i / RAYS_A_SIDE, size[1]),
+            at(x, i % RAYS_PER_SIDE, size[0]),
+            -at(y, i / RAYS_PER_SIDE, size[1]),
         );
         let point = opening.point(flat);
         let ray = Ray {
@@ -164,16 +162,9 @@ fn texel(
             t_min: 0.0,
             t_max: f32::INFINITY,
         };
-        let lighting = house.lighting();
-        sum += match house.tracer().closest(&ray) {
-            Some(hit) => house.surface(&ray, &hit).0,
-            None => {
-                Vec3::from(lighting.miss_radiance(ray.direction.normalize_or_zero()))
-                    * lighting.exposure
-            }
-        };
+        sum += house.radiance(&ray).0;
     }
-    let [r, g, b] = (sum / (RAYS_A_SIDE * RAYS_A_SIDE) as f32)
+    let [r, g, b] = (sum / (RAYS_PER_SIDE * RAYS_PER_SIDE) as f32)
         .to_array()
         .map(srgb8_from_linear);
     [r, g, b, 255]

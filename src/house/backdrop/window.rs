@@ -1,7 +1,7 @@
-//! The portal-window LDI: rays through the whole opening in all directions, kept about any centre.
+//! Portal-window LDI: rays through the whole opening in all directions, stored about any centre.
 //!
-//! Every ray from one cell to the next crosses the portal: nothing else needs to be modelled. The
-//! ray domain is the opening's bounding rectangle, cut into 4-D strata (S15); rays that start
+//! Every ray from one cell to the next crosses the portal, so that no other rays are needed. The
+//! ray domain is the opening's bounding rectangle, divided into 4-D strata (S15); rays that start
 //! outside the polygon are not traced.
 
 use super::BackdropQuality;
@@ -14,7 +14,7 @@ use headbox_cube::pack::{CubeLdi, PackError};
 use headbox_trace::bvh::{PACKET, RayPacket};
 use headbox_trace::sampler::{DirectionCell, RayDomain, Sampling, Strata};
 
-/// The LDI of what is seen through an opening, about a centre (world metres).
+/// Captures the LDI of an opening about a centre (world metres).
 pub(super) fn ldi(
     house: &House,
     opening: &Opening,
@@ -40,7 +40,7 @@ pub(super) fn ldi(
         centre,
         face_px,
         rule: MergeRule::Average,
-        mends: true,
+        repairs: true,
     };
     job.run(strata.direction_cells(), |cell, batch| {
         (batch.image, batch.eye) = (0, None);
@@ -58,11 +58,9 @@ pub(super) fn ldi(
             directions.fill_packet(names, &mut packet);
             for lane in 0..names.len() {
                 let start = Vec3::from_array(packet.origin.map(|axis| axis[lane]));
+                let direction = Vec3::from_array(packet.direction.map(|axis| axis[lane]));
                 if opening.contains(start.as_dvec3() + origin) {
-                    batch.rays.push((
-                        start,
-                        Vec3::from_array(packet.direction.map(|axis| axis[lane])),
-                    ));
+                    batch.rays.push((start, direction));
                 }
             }
         }

@@ -1,13 +1,13 @@
-//! Gaps in the surfaces of a window's LDI, mended: rays that are aimed where a sample is missing
-//! for certain.
+//! Repair of gaps in the surfaces of a portal-window LDI: rays aimed at pixels where a sample is
+//! certainly missing.
 //!
-//! Few of the random rays through an opening go to what shows only at a grazing angle, or through a
-//! second door behind it, and what is farther speckles what they leave out. Where the two
-//! neighbours of a pixel lie on one plane and the pixel itself has nothing of it, one ray from the
-//! centre that looks for it there, and only there, decides (as [`headbox_ldi::surfaces::repair`]
-//! does for cube LDIs). The centre may be in front of the opening, or not see the surface at all:
-//! what lies between two samples that show through the opening shows through it too, or hides
-//! behind them. What that brings: docs/decisions/0022.
+//! Few of the random rays through an opening reach surfaces at grazing angles, or behind a second
+//! door, and farther surfaces show through their gaps. If two neighbours of a pixel lie on one
+//! plane and the pixel itself has no sample of it, one ray from the centre tests for the surface at
+//! that depth only (as [`headbox_ldi::surfaces::repair`] does for cube LDIs). The centre may be in
+//! front of the opening, or have no line of sight to the surface: what lies between two samples
+//! that are visible through the opening is visible too, or occluded by them. Measurements:
+//! docs/decisions/0022.
 
 use crate::house::House;
 use glam::{DVec3, Vec3};
@@ -20,21 +20,21 @@ use rayon::prelude::*;
 /// from their ends.
 const PASSES: usize = 3;
 
-/// Normals of one surface are no farther apart than this cosine: about 18 degrees.
-const ALIKE: f32 = 0.95;
+/// Smallest cosine between normals of one surface: about 18 degrees.
+const MIN_COSINE: f32 = 0.95;
 
-/// Context of the repair beside the faces.
-pub(super) struct BackdropMender<'a> {
+/// Inputs of the repair.
+pub(super) struct BackdropRepair<'a> {
     pub(super) house: &'a House,
     /// Centre of the cube, world metres.
     pub(super) centre: DVec3,
-    /// The difference of inverse depths that counts as similar, 1/m.
+    /// Largest difference of similar inverse depths, 1/m.
     pub(super) tolerance: f32,
 }
 
-impl BackdropMender<'_> {
-    /// Adds what is missing to a cube's faces.
-    pub(super) fn mend(&self, faces: &mut [LayeredDepthImage]) {
+impl BackdropRepair<'_> {
+    /// Adds the missing samples to a cube's faces.
+    pub(super) fn run(&self, faces: &mut [LayeredDepthImage]) {
         for _ in 0..PASSES {
             for face in &mut *faces {
                 let rows = (0..face.size_px)
@@ -46,7 +46,8 @@ impl BackdropMender<'_> {
         }
     }
 
-    /// The missing samples of row `y` with the numbers of their pixels in the face, in order.
+    /// Returns the missing samples of row `y` with the indices of their pixels in the face, in
+    /// order.
     fn missing_in_row(&self, face: &LayeredDepthImage, y: u32) -> Vec<(u32, DepthPixel)> {
         let last = face.size_px - 1;
         let mut found: Vec<(u32, DepthPixel)> = Vec::new();
@@ -60,20 +61,21 @@ impl BackdropMender<'_> {
                     continue;
                 }
                 for sample in face.pixel(before[0], before[1]) {
-                    let plane = Plane::of(face, before, sample);
-                    let [expected, beyond] = [1.0, 2.0].map(|steps| plane.after(steps, [x, y]));
+                    let plane = SamplePlane::new(face, before, sample);
+                    let [expected, beyond] =
+                        [1.0, 2.0].map(|steps| plane.extrapolate(steps, [x, y]));
                     let similar = |q: f32, other: &DepthPixel| {
                         (q - other.inverse_depth).abs() <= self.tolerance
                     };
-                    let goes_on = after.iter().any(|b| {
-                        similar(beyond, b) && plane.normal.dot(b.normal.decode()) >= ALIKE
+                    let continues = after.iter().any(|b| {
+                        similar(beyond, b) && plane.normal.dot(b.normal.decode()) >= MIN_COSINE
                     });
                     let mut known = here
                         .iter()
                         .chain(found[first..].iter().map(|(_, sample)| sample));
-                    if goes_on
+                    if continues
                         && !known.any(|known| similar(expected, known))
-                        && let Some(sample) = self.look_for(face, [x, y], expected, plane.normal)
+                        && let Some(sample) = self.find_sample(face, [x, y], expected, plane.normal)
                     {
                         found.push((y * face.size_px + x, sample));
                     }
@@ -83,8 +85,9 @@ impl BackdropMender<'_> {
         found
     }
 
-    /// The surface of an inverse depth and a normal in the middle of a pixel.
-    fn look_for(
+    /// Traces a ray through the centre of a pixel to a surface with a given inverse depth and
+    /// normal.
+    fn find_sample(
         &self,
         face: &LayeredDepthImage,
         [x, y]: [u32; 2],
@@ -97,10 +100,10 @@ impl BackdropMender<'_> {
             .face
             .direction(f64::from(x) + 0.5, f64::from(y) + 0.5, face.size_px)
             .as_vec3();
-        let reach = self.tolerance / 2.0;
         if !(inverse_depth > 0.0 && inverse_depth.is_finite()) {
             return None;
         }
+        let reach = self.tolerance / 2.0;
         let ray = Ray {
             origin: (self.centre - tracer.origin()).as_vec3(),
             direction,
@@ -112,28 +115,28 @@ impl BackdropMender<'_> {
             },
         };
         let hit = tracer.closest(&ray)?;
-        let (color, found) = self.house.surface(&ray, &hit);
-        let cosine = found.dot(normal);
+        let (color, hit_normal) = self.house.surface(&ray, &hit);
+        let cosine = hit_normal.dot(normal);
         let [r, g, b] = color.to_array().map(srgb8_from_linear);
-        // The ray may meet its other side.
-        (cosine.abs() >= ALIKE).then(|| DepthPixel {
+        // The ray may hit its other side.
+        (cosine.abs() >= MIN_COSINE).then(|| DepthPixel {
             inverse_depth: 1.0 / hit.t,
-            normal: EncodedNormal::new(found * cosine.signum()),
+            normal: EncodedNormal::new(hit_normal * cosine.signum()),
             color_srgb: [r, g, b, 255],
         })
     }
 }
 
-/// The plane of a sample.
-struct Plane<'a> {
+/// Plane of a sample.
+struct SamplePlane<'a> {
     face: &'a LayeredDepthImage,
     pixel: [u32; 2],
     inverse_depth: f32,
     normal: Vec3,
 }
 
-impl<'a> Plane<'a> {
-    fn of(face: &'a LayeredDepthImage, pixel: [u32; 2], sample: &DepthPixel) -> Self {
+impl<'a> SamplePlane<'a> {
+    fn new(face: &'a LayeredDepthImage, pixel: [u32; 2], sample: &DepthPixel) -> Self {
         Self {
             face,
             pixel,
@@ -142,9 +145,9 @@ impl<'a> Plane<'a> {
         }
     }
 
-    /// Its inverse depth so many times as far from its pixel as another pixel is, which is linear
-    /// on a face. Infinite or NaN for a plane through the centre.
-    fn after(&self, steps: f32, [x, y]: [u32; 2]) -> f32 {
+    /// Extrapolates the inverse depth, which is linear on a face, by `steps` times the step to
+    /// another pixel. Infinite or NaN for a plane through the centre.
+    fn extrapolate(&self, steps: f32, [x, y]: [u32; 2]) -> f32 {
         let direction = |[x, y]: [u32; 2]| {
             self.face
                 .face
@@ -156,7 +159,7 @@ impl<'a> Plane<'a> {
     }
 }
 
-/// Puts samples, in the order of their pixels, into their places.
+/// Inserts samples, given in the order of their pixels.
 fn insert(face: &mut LayeredDepthImage, found: &[(u32, DepthPixel)]) {
     if found.is_empty() {
         return;
@@ -217,8 +220,8 @@ mod tests {
     fn repair_fills_gaps_between_neighbours_only() {
         let house = House::new(headbox_scenes::house(0, 5_000)).expect("a built-in scene");
         let (mut removed, mut restored, mut beside) = (0, 0, 0);
-        for centre in (0..4).filter_map(|cell| house.middle_of(cell)) {
-            let mender = BackdropMender {
+        for centre in (0..4).filter_map(|cell| house.cell_centre(cell)) {
+            let repair = BackdropRepair {
                 house: &house,
                 centre,
                 tolerance: 0.01,
@@ -236,7 +239,7 @@ mod tests {
                     holed.offsets[pixel as usize + 1] = holed.samples.len() as u32;
                 }
                 let mut mended = [holed];
-                mender.mend(&mut mended);
+                repair.run(&mut mended);
                 for pixel in 0..SIZE_PX * SIZE_PX {
                     let (x, y) = (pixel % SIZE_PX, pixel / SIZE_PX);
                     let Some(truth) = whole.pixel(x, y).first() else {
