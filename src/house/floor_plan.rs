@@ -106,17 +106,6 @@ impl FloorPlan {
             .portals
             .iter()
             .flat_map(|portal| portal.polygon.iter().map(in_plan));
-        let on_storey = |portal: &Portal| {
-            let heights = || portal.polygon.iter().map(|p| p.y);
-            let low = heights().fold(f64::INFINITY, f64::min);
-            let high = heights().fold(f64::NEG_INFINITY, f64::max);
-            let [above, below] = if high - low < LEVEL_M {
-                HATCH_M
-            } else {
-                [HIGH_M, LOWER_M]
-            };
-            low <= cut_y + above && high >= cut_y - below
-        };
         let corners = spaces.copied().chain(openings).filter(|p| p.is_finite());
         let [mut low, mut high] = corners
             .fold([DVec2::INFINITY, DVec2::NEG_INFINITY], |[low, high], p| {
@@ -163,7 +152,7 @@ impl FloorPlan {
                 .portals
                 .iter()
                 .enumerate()
-                .filter(|(_, portal)| on_storey(portal))
+                .filter(|(_, portal)| is_on_storey(portal, cut_y))
                 .map(|(i, portal)| opening(model, i, portal, to_px))
                 .collect(),
         }
@@ -242,6 +231,19 @@ impl PlanOpening {
             [200, 40, 30]
         }
     }
+}
+
+/// Returns true if a portal belongs to the storey of a cut.
+fn is_on_storey(portal: &Portal, cut_y: f64) -> bool {
+    let heights = || portal.polygon.iter().map(|p| p.y);
+    let low = heights().fold(f64::INFINITY, f64::min);
+    let high = heights().fold(f64::NEG_INFINITY, f64::max);
+    let [above, below] = if high - low < LEVEL_M {
+        HATCH_M
+    } else {
+        [HIGH_M, LOWER_M]
+    };
+    low <= cut_y + above && high >= cut_y - below
 }
 
 /// Projects a point to the plan: (x, z).

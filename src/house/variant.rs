@@ -27,62 +27,44 @@ impl HouseVariant {
         Self {
             name: "geometry",
             kind: None,
-            ..Self::PLAIN
+            kernel: SplatKernel::Tent,
+            persistence: false,
         },
         Self::with_backdrops(BackdropKind::Texture),
         Self::with_backdrops(BackdropKind::Textures),
         Self::with_backdrops(BackdropKind::Image),
         Self {
             name: "persistence",
-            kind: Some(BackdropKind::Image),
             persistence: true,
-            ..Self::PLAIN
+            ..Self::with_backdrops(BackdropKind::Image)
         },
         Self::with_backdrops(BackdropKind::TwoImages),
         Self::with_backdrops(BackdropKind::Ldi),
         Self::with_backdrops(BackdropKind::LdiColorsApart),
         Self::with_backdrops(BackdropKind::LdiAverage),
-        Self {
-            name: "ldi-plus",
-            kind: Some(BackdropKind::Ldi),
-            kernel: SplatKernel::Plus,
-            ..Self::PLAIN
-        },
-        Self {
-            name: "ldi-2x2",
-            kind: Some(BackdropKind::Ldi),
-            kernel: SplatKernel::Square2,
-            ..Self::PLAIN
-        },
-        Self {
-            name: "ldi-3x3",
-            kind: Some(BackdropKind::Ldi),
-            kernel: SplatKernel::Square3,
-            ..Self::PLAIN
-        },
+        Self::with_kernel("ldi-plus", BackdropKind::Ldi, SplatKernel::Plus),
+        Self::with_kernel("ldi-2x2", BackdropKind::Ldi, SplatKernel::Square2),
+        Self::with_kernel("ldi-3x3", BackdropKind::Ldi, SplatKernel::Square3),
         Self::with_backdrops(BackdropKind::WindowLdi),
-        Self {
-            name: "window-ldi-opaque",
-            kind: Some(BackdropKind::WindowLdi),
-            kernel: SplatKernel::Opaque,
-            ..Self::PLAIN
-        },
+        Self::with_kernel(
+            "window-ldi-opaque",
+            BackdropKind::WindowLdi,
+            SplatKernel::Opaque,
+        ),
         Self::with_backdrops(BackdropKind::CellLdi),
         Self::with_backdrops(BackdropKind::Sprite),
     ];
 
-    const PLAIN: Self = Self {
-        name: "",
-        kind: None,
-        kernel: SplatKernel::Tent,
-        persistence: false,
-    };
-
     const fn with_backdrops(kind: BackdropKind) -> Self {
+        Self::with_kernel(kind.name(), kind, SplatKernel::Tent)
+    }
+
+    const fn with_kernel(name: &'static str, kind: BackdropKind, kernel: SplatKernel) -> Self {
         Self {
-            name: kind.name(),
+            name,
             kind: Some(kind),
-            ..Self::PLAIN
+            kernel,
+            persistence: false,
         }
     }
 

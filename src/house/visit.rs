@@ -87,7 +87,7 @@ pub(super) fn visit(
         },
     );
     Visit {
-        groups: groups(&views, camera),
+        groups: group_windows(&views, camera),
         boundaries,
         missing,
     }
@@ -103,7 +103,7 @@ fn side_toward(house: &House, portal: u32, cell: u32) -> Option<PortalSide> {
 }
 
 /// Returns each visited cell once, with the bounding rectangle of its windows.
-fn groups(views: &[CellView], camera: &Camera) -> Vec<GroupWindow> {
+fn group_windows(views: &[CellView], camera: &Camera) -> Vec<GroupWindow> {
     let mut groups: Vec<GroupWindow> = Vec::new();
     for view in views {
         let window = view.window.rectangle(camera);

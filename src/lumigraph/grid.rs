@@ -230,7 +230,7 @@ pub(super) struct PlaneView {
 }
 
 /// Smallest forward component of a direction, in units of the frame's image plane; the slopes of
-/// others would have no significant digits.
+/// smaller ones would have no significant digits.
 pub(super) const LEAST_FORWARD: f64 = 1e-6;
 
 impl PlaneView {

@@ -41,21 +41,19 @@ impl Bed {
     ) -> Self {
         let tracer = Tracer::new(Arc::new(scene), origin);
         let lighting = Lighting::measure(&tracer, 0);
-        let world_from_eye = CameraGrid::facing(DVec3::NEG_Z, DVec3::Y).expect("a direction");
-        let focal_px = focal_px(f64::from(size_px[1]), 60.0);
-        let parts = GridParts {
+        let grid = CameraGrid::new(GridParts {
             origin,
-            world_from_eye,
+            world_from_eye: CameraGrid::facing(DVec3::NEG_Z, DVec3::Y).expect("a direction"),
             columns,
             rows,
-            focal_px,
+            focal_px: focal_px(f64::from(size_px[1]), 60.0),
             size_px,
             convergence: 0.3,
-        };
+        });
         Self {
             tracer,
             lighting,
-            grid: CameraGrid::new(parts).expect("a grid"),
+            grid: grid.expect("a grid"),
         }
     }
 
@@ -321,12 +319,7 @@ fn the_first_view_shows_what_the_images_show() {
         let eye = bed.grid.origin();
         let camera =
             Camera::look_at(eye, eye + DVec3::NEG_Z, DVec3::Y, fov_y_deg, size_px).expect("valid");
-        let frame = render(&lumigraph, &camera, &LumigraphSettings::default());
-        frame
-            .coverage
-            .iter()
-            .filter(|coverage| coverage.is_hole())
-            .count()
+        render(&lumigraph, &camera, &LumigraphSettings::default()).hole_count()
     };
     for size_px in [[96, 64], [64, 96], [97, 97]] {
         let fov_y_deg = lumigraph.clear_fov_deg(size_px);

@@ -10,10 +10,10 @@
 //! | paper | here |
 //! |---|---|
 //! | camera with the plane as third row, homography, epipole (Eq. 1 to 6; C4, C6) | `transfer` |
-//! | first pass: d1 to d3 (Eq. 6; C5, C7), in pieces of planes; gap filling (S9) | `patches`, `forward`, `planes`, `fill` |
+//! | first pass: d1 to d3 (Eq. 6; C5, C7), by planar patches; gap filling (S9) | `patches`, `forward`, `planes`, `fill` |
 //! | second pass (Eq. 7, 8; C5), crude one-pass, displacement field, affine parallax | `backward` |
 //! | forward mapping of colours (Eq. 4), what the paper argues against | `splat` |
-//! | sprites of a sequence of photographs (S10) | `from_layers`, of [`headbox_images::planar_layers`] |
+//! | sprites of a photo sequence (S10) | `from_layers`, of [`headbox_images::planar_layers`] |
 //!
 //! Image positions are in pixels, pixel centres at half-integers; output frames are 8-bit sRGB,
 //! premultiplied.
@@ -131,7 +131,7 @@ impl Sprite {
 
 /// A sprite and a displacement per pixel, off its plane.
 ///
-/// Invariant: every displacement is finite. It may be coarser than the image (S4).
+/// Invariant: every displacement is finite. The grid may be coarser than the image (S4).
 #[derive(Clone, Debug, PartialEq)]
 pub struct SpriteWithDepth {
     sprite: Sprite,

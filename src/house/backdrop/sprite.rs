@@ -123,7 +123,7 @@ impl PortalSprite {
         Ok((parallax(&sprite, &tested) <= MAX_PARALLAX).then(|| Self::new(sprite)))
     }
 
-    /// Bytes in memory, near enough.
+    /// Returns the approximate size in memory, bytes.
     pub(super) fn bytes(&self) -> u64 {
         12 * self.sample_count()
     }

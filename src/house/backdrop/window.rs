@@ -50,13 +50,13 @@ pub(super) fn ldi(
             strata,
             cell,
         };
-        let names: Vec<(u32, u32)> = (0..strata.position_cells())
+        let rays: Vec<(u32, u32)> = (0..strata.position_cells())
             .flat_map(|p| (0..strata.rays).map(move |ray| (p, ray)))
             .collect();
         let mut packet = RayPacket::EMPTY;
-        for names in names.chunks(PACKET) {
-            directions.fill_packet(names, &mut packet);
-            for lane in 0..names.len() {
+        for rays in rays.chunks(PACKET) {
+            directions.fill_packet(rays, &mut packet);
+            for lane in 0..rays.len() {
                 let start = Vec3::from_array(packet.origin.map(|axis| axis[lane]));
                 let direction = Vec3::from_array(packet.direction.map(|axis| axis[lane]));
                 if opening.contains(start.as_dvec3() + origin) {

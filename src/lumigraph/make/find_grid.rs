@@ -83,8 +83,8 @@ pub(super) fn find_grid(
     }
 }
 
-/// Candidate rotations of the grid about the plane's normal, starting with the image axes; most
-/// trustworthy first.
+/// Returns candidate rotations from the image axes to the grid's axes about the plane's normal,
+/// radians, most trustworthy first.
 ///
 /// The nearest camera is in the same row or column, even if positions are empty. If no position is
 /// empty, the second and fourth moments of all positions give the axes more precisely: over a full

@@ -96,23 +96,8 @@ impl LumigraphRenderer {
                     .zip(colors.chunks_mut(width))
                     .zip(coverages.chunks_mut(width))
                 {
-                    let hidden: Vec<usize> =
-                        (0..width).filter(|x| colors[*x][3] == HIDDEN).collect();
-                    hidden.iter().for_each(|&x| colors[x][3] = 0);
-                    let pixels = Pixels {
-                        colors: &mut *colors,
-                        coverages: &mut *coverages,
-                        depths_m: &mut [],
-                        inverse_depths: &mut [],
-                    };
-                    let mut open = background.composite_row(y as u32, pixels);
-                    // Hidden pixels do not show the environment.
-                    for x in hidden {
-                        open += u64::from(!coverages[x].is_hole());
-                        let [r, g, b] = settings.hole_color_srgb;
-                        (colors[x], coverages[x]) = ([r, g, b, 255], Coverage::HOLE);
-                    }
-                    holes.fetch_add(open, Ordering::Relaxed);
+                    let row_holes = resolve_row(&background, y as u32, colors, coverages);
+                    holes.fetch_add(row_holes, Ordering::Relaxed);
                 }
             });
         self.stats = LumigraphStats {
@@ -129,6 +114,35 @@ impl LumigraphRenderer {
     pub fn frame(&self) -> &Frame {
         &self.frame
     }
+}
+
+/// Composites the environment behind a row. Hidden pixels become holes instead. Returns the number
+/// of holes.
+fn resolve_row(
+    background: &EnvironmentBackground,
+    y: u32,
+    colors: &mut [[u8; 4]],
+    coverages: &mut [Coverage],
+) -> u64 {
+    let hidden: Vec<usize> = (0..colors.len())
+        .filter(|x| colors[*x][3] == HIDDEN)
+        .collect();
+    for &x in &hidden {
+        colors[x][3] = 0;
+    }
+    let pixels = Pixels {
+        colors: &mut *colors,
+        coverages: &mut *coverages,
+        depths_m: &mut [],
+        inverse_depths: &mut [],
+    };
+    let mut holes = background.composite_row(y, pixels);
+    let [r, g, b] = background.hole_color_srgb;
+    for x in hidden {
+        holes += u64::from(!coverages[x].is_hole());
+        (colors[x], coverages[x]) = ([r, g, b, 255], Coverage::HOLE);
+    }
+    holes
 }
 
 /// Draws some rows of a frame: straight colours, with alpha 255 in covered pixels and [`HIDDEN`] in

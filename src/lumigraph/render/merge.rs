@@ -219,7 +219,7 @@ mod tests {
         assert_eq!(
             merge(&layers, &bound(1e9, -0.5)),
             vec![0usize..5; 1],
-            "in front of the plane, last_ends all layers"
+            "in front of the plane, before all layers"
         );
         // Layers that the eye has passed, or is in, stay as they are.
         assert_eq!(merge(&layers, &bound(1e9, -2.0)), [0..2, 2..3, 3..4, 4..5]);

@@ -186,9 +186,9 @@ pub(super) struct LumigraphPlan {
     pub(super) steps: Vec<Step>,
 }
 
-/// Order in which cells are searched for surfaces hidden from a ray's own cell, in a grid of
-/// `columns` x `rows` cameras: first between the layers, then from neighbouring cells, near ones
-/// first.
+/// Returns the order in which cells are searched for surfaces hidden from a ray's own cell, in a
+/// grid of `columns` x `rows` cameras: first between the layers, then from neighbouring cells, near
+/// ones first.
 pub(crate) fn steps(columns: usize, rows: usize) -> Vec<Step> {
     let reach = |cameras: usize| SEARCH_RADIUS.min(cameras.saturating_sub(2) as i32);
     let (columns, rows) = (reach(columns), reach(rows));
@@ -345,7 +345,8 @@ impl Step {
     };
 }
 
-/// Index of the gap between positions that contains `position`; the outermost one beyond them.
+/// Returns the index of the gap between positions that contains `position`; the outermost gap if it
+/// is outside.
 #[inline(always)]
 pub(super) fn cell(positions: &[f32], position: f32) -> usize {
     match positions {

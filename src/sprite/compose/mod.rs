@@ -197,10 +197,26 @@ impl Composition {
         if by_depth {
             composite_by_depth(&composer.images, &mut frame.color);
         }
+        stats.hole_pixels =
+            self.composite_environment(camera, settings.cubes.hole_color_srgb, frame);
+        stats.compose_ms = started.elapsed().as_secs_f64() * 1e3
+            - stats.sprites_ms
+            - stats.cubes_ms
+            - stats.polygons_ms;
+        stats
+    }
+
+    /// Composites the environment behind the layers of `frame`. Returns the number of holes.
+    fn composite_environment(
+        &self,
+        camera: &Camera,
+        hole_color_srgb: [u8; 3],
+        frame: &mut Frame,
+    ) -> u64 {
         let background = EnvironmentBackground {
             environment: &self.environment,
             camera,
-            hole_color_srgb: settings.cubes.hole_color_srgb,
+            hole_color_srgb,
             level: simd::level(),
         };
         let width = (frame.width as usize).max(1);
@@ -220,12 +236,7 @@ impl Composition {
                 },
             )
         };
-        stats.hole_pixels = rows.map(composite_row).sum();
-        stats.compose_ms = started.elapsed().as_secs_f64() * 1e3
-            - stats.sprites_ms
-            - stats.cubes_ms
-            - stats.polygons_ms;
-        stats
+        rows.map(composite_row).sum()
     }
 
     /// Draws a layer over those before it or, when layers are composited by depth, into the image

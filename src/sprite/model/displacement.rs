@@ -62,26 +62,20 @@ impl Displacement {
             return Err(SpriteError::NotFinite);
         }
         let largest = values.iter().fold(0.0f32, |max, v| max.max(v.abs()));
-        let steps = match format {
-            DisplacementFormat::I8 => f32::from(i8::MAX),
-            DisplacementFormat::I16 => f32::from(i16::MAX),
-            DisplacementFormat::F32 => 1.0,
-        };
         // Displacements so small that the scale is subnormal are stored as zero.
-        let fitting = largest / steps;
-        let scale = if format == DisplacementFormat::F32 || !fitting.is_normal() {
-            1.0
-        } else {
-            fitting
-        };
-        let values = match format {
+        let finest = |steps: f32| Some(largest / steps).filter(|scale| scale.is_normal());
+        let (scale, values) = match format {
             DisplacementFormat::I8 => {
-                Values::I8(values.iter().map(|v| (v / scale).round() as i8).collect())
+                let scale = finest(f32::from(i8::MAX)).unwrap_or(1.0);
+                let stored = values.iter().map(|v| (v / scale).round() as i8);
+                (scale, Values::I8(stored.collect()))
             }
             DisplacementFormat::I16 => {
-                Values::I16(values.iter().map(|v| (v / scale).round() as i16).collect())
+                let scale = finest(f32::from(i16::MAX)).unwrap_or(1.0);
+                let stored = values.iter().map(|v| (v / scale).round() as i16);
+                (scale, Values::I16(stored.collect()))
             }
-            DisplacementFormat::F32 => Values::F32(values.to_vec()),
+            DisplacementFormat::F32 => (1.0, Values::F32(values.to_vec())),
         };
         Self::from_stored(width, height, scale, values)
     }

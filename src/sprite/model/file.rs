@@ -42,7 +42,7 @@ pub struct SpriteHeader {
 const GEOMETRY: usize = 18;
 
 impl SpriteSet {
-    /// Writes a `.sprite` file, whole or not at all.
+    /// Writes a `.sprite` file, completely or not at all.
     ///
     /// # Errors
     /// [`FileError::Io`].

@@ -65,7 +65,7 @@ impl Coding {
         }
     }
 
-    /// Returns an upper bound of the absolute displacement within a cell of a cell's centre.
+    /// Returns an upper bound of the absolute displacement at most one cell from a cell's centre.
     pub(super) fn largest(&self) -> f32 {
         let ends = [1.0, MAX_VALUE].map(|value| ((value - self.zero) * self.scale).abs());
         ends[0].max(ends[1]) + 2.0 * 127.0 * self.slope_scale

@@ -77,24 +77,21 @@ impl Field {
         } else {
             displacement.scale()
         };
-        let patches = Patches::new(
-            &UnpackedField {
-                width,
-                height,
-                values: &values,
-                cells: &cells,
-            },
-            step,
-        );
+        let unpacked = UnpackedField {
+            width,
+            height,
+            values: &values,
+            cells: &cells,
+        };
         Self {
             x0: 0,
             y0: 0,
             width,
             height,
-            cells,
             coding,
             range: [low.min(0.0), high.max(0.0)],
-            patches,
+            patches: Patches::new(&unpacked, step),
+            cells,
         }
     }
 }
@@ -113,10 +110,8 @@ fn smooth(displacement: &Displacement) -> Vec<f32> {
     if displacement.format() != DisplacementFormat::I8 {
         return stored;
     }
-    let (width, height) = (
-        displacement.size().0 as usize,
-        displacement.size().1 as usize,
-    );
+    let (width, height) = displacement.size();
+    let [width, height] = [width, height].map(|side| side as usize);
     let step = displacement.scale();
     let mut values = stored.clone();
     for _ in 0..SMOOTHING_ROUNDS {

@@ -214,20 +214,10 @@ mod tests {
         let count: Vec<_> = patches
             .strips
             .iter()
-            .map(|s| {
-                let large = s
-                    .groups
-                    .iter()
-                    .flat_map(|g| g.half)
-                    .filter(|&half| half == 4.0)
-                    .count();
-                let small = s
-                    .groups
-                    .iter()
-                    .flat_map(|g| g.half)
-                    .filter(|&half| half == 2.0)
-                    .count();
-                (large, small, s.rough.clone())
+            .map(|strip| {
+                let halves = || strip.groups.iter().flat_map(|group| group.half);
+                let count = |half: f32| halves().filter(|h| *h == half).count();
+                (count(4.0), count(2.0), strip.rough.clone())
             })
             .collect();
         // The cliff lies between small tiles; the bump spoils one; the last two rows fill no tile.

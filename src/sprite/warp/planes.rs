@@ -11,8 +11,7 @@ use fearless_simd::{Simd, f32x16, i32x16, prelude::*, u32x16};
 pub(super) struct Setups {
     /// First column, first row, number of columns and of rows of the patch's bounding box.
     boxes: [[i32; GROUP]; 4],
-    /// Horizontal position in the source relative to the patch's centre, times the source's inverse_stretch
-    /// of depth.
+    /// Horizontal position in the source relative to the patch's centre, times 1 - d3 e_z.
     across: [[f32; GROUP]; 3],
     /// The same for the vertical position.
     down: [[f32; GROUP]; 3],
