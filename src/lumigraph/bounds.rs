@@ -35,12 +35,6 @@ pub fn min_layers(focal: f64, [min, max]: [f64; 2], spacing: f64, detail: f64) -
     focal * spacing * (max - min) / (2.0 * detail)
 }
 
-/// Returns the number of cameras along an axis of length `extent` that a single layer for the whole
-/// range needs, as a real number (Eq. 3).
-pub fn min_cameras(focal: f64, [min, max]: [f64; 2], extent: f64, detail: f64) -> f64 {
-    extent / max_spacing(focal, max - min, detail) + 1.0
-}
-
 /// Bound on the error of a layer in a frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ErrorBound {
@@ -156,7 +150,8 @@ mod tests {
                 let found = min_layers(f, range, st / (m - 1.0), pixel);
                 assert!((found - derived).abs() < 0.05, "{found} for {derived}");
             }
-            let found = min_cameras(f, range, st, pixel);
+            // Of a single layer for the whole range.
+            let found = st / max_spacing(f, range[1] - range[0], pixel) + 1.0;
             assert!((found - cameras).abs() < 0.05, "{found} for {cameras}");
         }
     }

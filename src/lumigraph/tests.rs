@@ -66,13 +66,17 @@ impl Bed {
     }
 
     pub(super) fn raw(&self) -> RawLumigraph {
-        let capture = LumigraphCapture {
+        let capture = self.capture(false, 4);
+        capture.run(&self.grid, &Silent).expect("captured")
+    }
+
+    pub(super) fn capture(&self, lit: bool, samples: u32) -> LumigraphCapture<'_> {
+        LumigraphCapture {
             tracer: &self.tracer,
             lighting: &self.lighting,
-            lit: false,
-            samples: 4,
-        };
-        capture.run(&self.grid, &Silent).expect("captured")
+            lit,
+            samples,
+        }
     }
 
     fn lumigraph(&self) -> Lumigraph {
@@ -115,6 +119,14 @@ pub(super) fn render(
         .render(lumigraph, camera, settings)
         .0
         .clone()
+}
+
+/// Settings without merging of layers.
+pub(super) fn unmerged() -> LumigraphSettings {
+    LumigraphSettings {
+        merge: false,
+        ..LumigraphSettings::default()
+    }
 }
 
 pub(super) fn psnr_db(a: &[[u8; 4]], b: &[[u8; 4]]) -> f64 {
@@ -293,11 +305,7 @@ fn rectangles_leave_most_layers_out() {
     let lumigraph = bed.lumigraph();
     let camera = bed.camera(DVec3::new(0.1, 0.1, 0.5), DVec3::NEG_Z, [200, 150]);
     let asked = |skip| {
-        let settings = LumigraphSettings {
-            skip,
-            merge: false,
-            ..LumigraphSettings::default()
-        };
+        let settings = LumigraphSettings { skip, ..unmerged() };
         LumigraphRenderer::new()
             .render(&lumigraph, &camera, &settings)
             .1
@@ -339,12 +347,8 @@ fn the_first_view_shows_what_the_images_show() {
 fn frame_at_camera_equals_its_image() {
     let bed = Bed::usual();
     let lumigraph = bed.lumigraph();
-    let settings = LumigraphSettings {
-        merge: false,
-        ..LumigraphSettings::default()
-    };
     for (column, row) in [(0, 0), (1, 1), (3, 2), (2, 0)] {
-        let frame = render(&lumigraph, &bed.grid.camera(column, row), &settings);
+        let frame = render(&lumigraph, &bed.grid.camera(column, row), &unmerged());
         let picture = &lumigraph.pictures()[row * 4 + column];
         let off = frame
             .color
@@ -411,10 +415,8 @@ fn highlights_move_with_the_eye() {
     let lit = |bed: &Bed| {
         // Of one exposure, or the pictures could not be compared.
         let capture = LumigraphCapture {
-            tracer: &bed.tracer,
             lighting: &glossy.lighting,
-            lit: true,
-            samples: 16,
+            ..bed.capture(true, 16)
         };
         let raw = capture.run(&bed.grid, &Silent).expect("captured");
         raw.layered(255, Placement::Histogram).expect("layered")
@@ -458,12 +460,8 @@ fn more_layers_and_more_cameras_err_less() {
     let expected = truth::render(&dense.tracer, &dense.lighting, false, &camera, 16, &Silent).frame;
     let error = |raw: &RawLumigraph, layers: usize| {
         let lumigraph = raw.layered(layers, Placement::Uniform).expect("layered");
-        let settings = LumigraphSettings {
-            merge: false,
-            ..LumigraphSettings::default()
-        };
         psnr_db(
-            &render(&lumigraph, &camera, &settings).color,
+            &render(&lumigraph, &camera, &unmerged()).color,
             &expected.color,
         )
     };
@@ -579,12 +577,7 @@ fn capture_errors_and_cancellation() {
         size_px: [8, 8],
         convergence: 0.0,
     };
-    let capture = LumigraphCapture {
-        tracer: &bed.tracer,
-        lighting: &bed.lighting,
-        lit: true,
-        samples: 1,
-    };
+    let capture = bed.capture(true, 1);
     let raw = capture
         .run(&CameraGrid::new(parts).expect("a grid"), &Silent)
         .expect("captured");

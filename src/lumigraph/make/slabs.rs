@@ -139,11 +139,8 @@ fn misfit(slab: &Lumigraph, camera: &Camera) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::tests::{Bed, psnr_db};
-    use crate::{
-        CameraGrid, LumigraphCapture, LumigraphSettings, Placement, SlabsRenderer,
-        render_slabs_by_rays,
-    };
+    use crate::tests::{Bed, psnr_db, unmerged};
+    use crate::{CameraGrid, LumigraphSettings, Placement, SlabsRenderer, render_slabs_by_rays};
     use glam::DVec3;
     use headbox_core::frame::Frame;
     use headbox_core::progress::Silent;
@@ -164,13 +161,8 @@ mod tests {
         let places = CameraGrid::evenly(3, 0.8);
         let bed = Bed::new(places.clone(), places, [size, size]);
         let slab = |degrees: f64| {
-            let capture = LumigraphCapture {
-                tracer: &bed.tracer,
-                lighting: &bed.lighting,
-                lit: false,
-                samples: 4,
-            };
-            let raw = capture
+            let raw = bed
+                .capture(false, 4)
                 .run(&turned(&bed, degrees), &Silent)
                 .expect("captured");
             raw.layered(200, Placement::Histogram).expect("layered")
@@ -266,10 +258,7 @@ mod tests {
         let (_, slabs) = three(96);
         // Merged layers move textures by up to a pixel as they change, which a frame of 72 pixels
         // shows more than what is looked for.
-        let settings = LumigraphSettings {
-            merge: false,
-            ..LumigraphSettings::default()
-        };
+        let settings = unmerged();
         let alone: Vec<Slabs> = slabs
             .all()
             .iter()

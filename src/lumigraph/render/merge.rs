@@ -18,26 +18,19 @@ pub fn merge(layers: &[DisparityLayer], bound: &ErrorBound) -> Vec<Range<usize>>
 
 /// Merging of layers frame after frame.
 #[derive(Clone, Debug, Default)]
-pub struct Merger {
-    merged: Vec<Range<usize>>,
+pub(crate) struct Merger {
+    /// Merged layers of the last frame.
+    pub(crate) merged: Vec<Range<usize>>,
+    /// Ends of the merged layers of the frame before.
     last_ends: Vec<usize>,
+    /// Number of bound evaluations for the last frame.
     tests: u64,
 }
 
 impl Merger {
-    /// Merged layers of the last frame.
-    pub fn merged(&self) -> &[Range<usize>] {
-        &self.merged
-    }
-
-    /// Number of bound evaluations for the last frame.
-    pub fn tests(&self) -> u64 {
-        self.tests
-    }
-
     /// Merges as [`merge`], starting from the last frame's result (the paper's limitation 6): an
     /// unchanged end costs two tests per merged layer.
-    pub fn update(&mut self, layers: &[DisparityLayer], bound: &ErrorBound) {
+    pub(crate) fn update(&mut self, layers: &[DisparityLayer], bound: &ErrorBound) {
         let count = layers.len();
         let allows = |range: Range<usize>| {
             bound.allows(layers[range.start].through(&layers[range.end - 1]).range())
@@ -172,10 +165,10 @@ mod tests {
             let mut merger = Merger::default();
             for bound in &bounds {
                 merger.update(&layers, bound);
-                prop_assert_eq!(merger.merged(), merge(&layers, bound));
+                prop_assert_eq!(&merger.merged, &merge(&layers, bound));
                 // Another lumigraph in between.
                 merger.update(&others, bound);
-                prop_assert_eq!(merger.merged(), merge(&others, bound));
+                prop_assert_eq!(&merger.merged, &merge(&others, bound));
             }
         }
     }
@@ -236,12 +229,12 @@ mod tests {
             tolerance: 1.0,
         };
         merger.update(&layers, &bound(0.0));
-        let first = merger.tests();
+        let first = merger.tests;
         merger.update(&layers, &bound(0.0));
         assert!(
-            merger.tests() <= 2 * merger.merged().len() as u64,
+            merger.tests <= 2 * merger.merged.len() as u64,
             "{} after {first}",
-            merger.tests()
+            merger.tests
         );
     }
 }

@@ -67,7 +67,7 @@ pub(crate) fn merged_layers(
             level,
         })
     };
-    let surfaces = merger.merged().iter().rev().filter_map(|range| {
+    let surfaces = merger.merged.iter().rev().filter_map(|range| {
         let whole = layers[range.start].through(&layers[range.end - 1]);
         merged([range.start as u16 + 1, range.end as u16], whole.drawn())
     });

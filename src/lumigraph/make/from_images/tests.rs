@@ -1,7 +1,7 @@
 //! Image sets on disk become the lumigraphs that the scene itself gives.
 
 use super::*;
-use crate::tests::{Bed, psnr_db, render};
+use crate::tests::{Bed, psnr_db, render, unmerged};
 use crate::{Lumigraph, LumigraphSettings, Placement};
 use glam::{DMat3, DMat4};
 use headbox_core::camera::Camera;
@@ -238,10 +238,7 @@ fn uneven_grid_frames_match_scene_quality() {
     let eye = bed.grid.origin() + DVec3::new(0.13, 0.07, 0.4);
     let camera = Camera::look_at(eye, eye - DVec3::Z, DVec3::Y, 36.0, [128, 128]).expect("valid");
     let truth = truth::render(&bed.tracer, &bed.lighting, false, &camera, 64, &Silent).frame;
-    let settings = LumigraphSettings {
-        merge: false,
-        ..LumigraphSettings::default()
-    };
+    let settings = unmerged();
     let [found, scenes] = [&of_pictures, &raw].map(|raw| {
         let lumigraph = raw.layered(255, Placement::Histogram).expect("layered");
         psnr_db(&render(&lumigraph, &camera, &settings).color, &truth.color)
