@@ -387,30 +387,29 @@ pub(super) mod tests {
             change(&mut parts);
             CameraGrid::new(parts).expect_err("refused")
         };
-        assert_eq!(
-            refused(|grid| grid.columns.clear()),
-            LumigraphError::NoCameras
-        );
-        assert_eq!(
-            refused(|grid| grid.rows = vec![1.0, 1.0]),
-            LumigraphError::Grid("rows")
-        );
-        assert_eq!(
-            refused(|grid| grid.columns = vec![f64::NAN]),
-            LumigraphError::Grid("columns")
-        );
-        assert_eq!(
-            refused(|grid| grid.origin.x = f64::INFINITY),
-            LumigraphError::Grid("place")
-        );
-        assert_eq!(
-            refused(|grid| grid.focal_px = 0.0),
-            LumigraphError::Grid("focal length")
-        );
-        assert_eq!(
-            refused(|grid| grid.size_px = [1, 9]),
-            LumigraphError::Size(1, 9)
-        );
+        let cases: [(fn(&mut GridParts), LumigraphError); 6] = [
+            (|grid| grid.columns.clear(), LumigraphError::NoCameras),
+            (
+                |grid| grid.rows = vec![1.0; 2],
+                LumigraphError::Grid("rows"),
+            ),
+            (
+                |grid| grid.columns = vec![f64::NAN],
+                LumigraphError::Grid("columns"),
+            ),
+            (
+                |grid| grid.origin.x = f64::INFINITY,
+                LumigraphError::Grid("place"),
+            ),
+            (
+                |grid| grid.focal_px = 0.0,
+                LumigraphError::Grid("focal length"),
+            ),
+            (|grid| grid.size_px = [1, 9], LumigraphError::Size(1, 9)),
+        ];
+        for (change, expected) in cases {
+            assert_eq!(refused(change), expected);
+        }
         let large = refused(|grid| {
             (grid.columns, grid.size_px) = ((0..300).map(f64::from).collect(), [4096, 4096]);
         });

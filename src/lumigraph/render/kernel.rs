@@ -30,7 +30,7 @@ const LANE_COLUMNS: [f32; LANES] = [
 ];
 
 /// Smallest remaining transparency of a pixel at which the search continues behind it.
-const MIN_TRANSPARENCY: f32 = 1.0 / 256.0;
+const LEAST_OPEN: f32 = 1.0 / 256.0;
 
 /// Block of a frame.
 pub(super) struct FrameBlock<'a> {
@@ -255,7 +255,7 @@ fn search_other_cells<S: Simd>(
             step.shift,
         );
         draw_layers(simd, block, step.with_neighbours, &rays, results);
-        if !results.open.simd_ge(MIN_TRANSPARENCY).any_true() {
+        if !results.open.simd_ge(LEAST_OPEN).any_true() {
             break;
         }
     }
@@ -385,7 +385,7 @@ fn draw_layer<S: Simd>(
     let pyramid = &block.lumigraph.pyramid;
     let level = pyramid.levels[layer.level];
     let positions = rays.texel_positions(layer);
-    let open = results.open.simd_ge(MIN_TRANSPARENCY);
+    let open = results.open.simd_ge(LEAST_OPEN);
     let zero = f32x16::splat(simd, 0.0);
     let (mut weight, mut showing, mut passing) = ([zero; 4], zero, zero);
     let (first, last) = (i32::from(indices[0]), i32::from(indices[1]));
@@ -436,7 +436,7 @@ fn draw_layer<S: Simd>(
         .pending
         .add(shown, level, indices, &positions, weight, coverage);
     results.open -= coverage;
-    results.open.simd_ge(MIN_TRANSPARENCY).any_true()
+    results.open.simd_ge(LEAST_OPEN).any_true()
 }
 
 /// Converts results to straight sRGB colours, with alpha 255 in covered pixels, [`HIDDEN`] in

@@ -16,7 +16,7 @@ const CORNERS: [usize; 4] = [0, TILE - 1, LANES - TILE, LANES - 1];
 
 /// Smallest weight of a cell's camera along each axis: outside the grid, and at the border to
 /// another cell, a camera may be the only one that sees the surface.
-pub(crate) const MIN_WEIGHT: f32 = 1.0 / 1024.0;
+pub(crate) const LEAST_WEIGHT: f32 = 1.0 / 1024.0;
 
 /// Cameras to either side of sixteen rays along one axis of the grid.
 struct Sides<S: Simd> {
@@ -83,8 +83,8 @@ fn find_sides<S: Simd>(simd: S, cameras: &[f32], position: f32x16<S>, shift: i32
     // A single camera is on both sides.
     let gap = (camera[1] - camera[0]).max(f32::MIN_POSITIVE);
     let high_weight = ((position - camera[0]) / gap)
-        .max(MIN_WEIGHT)
-        .min(1.0 - MIN_WEIGHT);
+        .max(LEAST_WEIGHT)
+        .min(1.0 - LEAST_WEIGHT);
     Sides {
         camera,
         weight: [f32x16::splat(simd, 1.0) - high_weight, high_weight],

@@ -1,6 +1,9 @@
 //! A set of sprites of one scene, and their drawing order.
 
-use crate::{Outcome, PreparedSprite, RenderOptions, SpriteLayer, SpriteRenderer, SpriteWithDepth};
+use crate::{
+    Outcome, PreparedSprite, RenderOptions, SpriteLayer, SpritePlane, SpriteRenderer,
+    SpriteWithDepth,
+};
 use glam::DVec3;
 use headbox_core::camera::Camera;
 use headbox_core::environment::Environment;
@@ -118,8 +121,8 @@ impl SpriteSet {
 struct SpriteExtent {
     /// Points of the visible surface, world metres.
     points: Vec<DVec3>,
-    /// Unit normal (towards the eye) and offset of the sprite's plane.
-    plane: (DVec3, f64),
+    /// The sprite's plane, its normal towards the eye.
+    plane: SpritePlane,
     /// Distance from the eye to the mean of the points, metres.
     distance: f64,
 }
@@ -149,11 +152,10 @@ pub fn visible_points(sprite: &SpriteWithDepth) -> Vec<DVec3> {
 impl SpriteExtent {
     fn new(sprite: &SpriteWithDepth, eye: DVec3) -> Self {
         let points = visible_points(sprite);
-        let plane = sprite.sprite().plane().facing(eye);
         let mean = points.iter().sum::<DVec3>() / points.len().max(1) as f64;
         Self {
             points,
-            plane: (plane.normal, plane.offset),
+            plane: sprite.sprite().plane().facing(eye),
             distance: (mean - eye).length(),
         }
     }
@@ -161,16 +163,16 @@ impl SpriteExtent {
     /// Returns true if this sprite must be drawn before `other`: it lies behind the other's plane,
     /// or the other lies in front of its own.
     fn is_behind(&self, other: &Self) -> bool {
-        let range = |extent: &Self, (normal, offset): (DVec3, f64)| {
-            let distances = extent.points.iter().map(|p| normal.dot(*p) + offset);
+        let range = |extent: &Self, plane: &SpritePlane| {
+            let distances = extent.points.iter().map(|p| plane.signed_distance(*p));
             distances.fold([f64::MAX, f64::MIN], |[low, high], d| {
                 [low.min(d), high.max(d)]
             })
         };
-        let (mine, theirs) = (range(self, other.plane), range(other, self.plane));
+        let (mine, theirs) = (range(self, &other.plane), range(other, &self.plane));
         // Surfaces have an extent about their own planes: only a surface clearly beyond the extent
         // of the other decides.
-        let (own, others) = (range(self, self.plane), range(other, other.plane));
+        let (own, others) = (range(self, &self.plane), range(other, &other.plane));
         mine[1] < others[0] || theirs[0] > own[1]
     }
 }

@@ -309,11 +309,7 @@ fn unknown_pixels_filled_from_others_or_hole() {
     // One camera, which alone does not know it: no sky is shown there.
     let alone = lumigraph_of(&shots[1..2]);
     let hole = frames(&alone);
-    let holes = hole
-        .coverage
-        .iter()
-        .filter(|coverage| coverage.is_hole())
-        .count();
+    let holes = hole.hole_count();
     assert!(holes.abs_diff(120) <= 30, "{holes}");
     assert!(!hole.color.contains(&[255, 0, 255, 255]));
 }
