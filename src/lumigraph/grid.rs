@@ -387,29 +387,27 @@ pub(super) mod tests {
             change(&mut parts);
             CameraGrid::new(parts).expect_err("refused")
         };
-        let cases: [(fn(&mut GridParts), LumigraphError); 6] = [
-            (|grid| grid.columns.clear(), LumigraphError::NoCameras),
-            (
-                |grid| grid.rows = vec![1.0; 2],
-                LumigraphError::Grid("rows"),
-            ),
-            (
-                |grid| grid.columns = vec![f64::NAN],
-                LumigraphError::Grid("columns"),
-            ),
-            (
-                |grid| grid.origin.x = f64::INFINITY,
-                LumigraphError::Grid("place"),
-            ),
-            (
-                |grid| grid.focal_px = 0.0,
-                LumigraphError::Grid("focal length"),
-            ),
-            (|grid| grid.size_px = [1, 9], LumigraphError::Size(1, 9)),
-        ];
-        for (change, expected) in cases {
+        let check = |change: fn(&mut GridParts), expected: LumigraphError| {
             assert_eq!(refused(change), expected);
-        }
+        };
+        check(|grid| grid.columns.clear(), LumigraphError::NoCameras);
+        check(
+            |grid| grid.rows = vec![1.0; 2],
+            LumigraphError::Grid("rows"),
+        );
+        check(
+            |grid| grid.columns = vec![f64::NAN],
+            LumigraphError::Grid("columns"),
+        );
+        check(
+            |grid| grid.origin.x = f64::INFINITY,
+            LumigraphError::Grid("place"),
+        );
+        check(
+            |grid| grid.focal_px = 0.0,
+            LumigraphError::Grid("focal length"),
+        );
+        check(|grid| grid.size_px = [1, 9], LumigraphError::Size(1, 9));
         let large = refused(|grid| {
             (grid.columns, grid.size_px) = ((0..300).map(f64::from).collect(), [4096, 4096]);
         });

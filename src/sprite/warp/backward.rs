@@ -130,18 +130,17 @@ fn draw_band<S: Simd, const NEAREST: bool>(
                     continue;
                 };
                 let count = pixels.next_multiple_of(LANES);
-                match plan.parallax {
-                    Parallax::None => {
-                        undisplaced_footprints::<S, NEAREST>(simd, &block, count, &mut footprints)
-                    }
-                    _ => displaced_footprints::<S, NEAREST>(
+                if matches!(plan.parallax, Parallax::None) {
+                    plane_footprints::<S, NEAREST>(simd, &block, count, &mut footprints);
+                } else {
+                    parallax_footprints::<S, NEAREST>(
                         simd,
                         plan.parallax,
                         &block,
                         count,
                         &mut lookups,
                         &mut footprints,
-                    ),
+                    );
                 }
                 sample::<S, NEAREST>(simd, plan.texture, &mut footprints, count, &mut colors);
                 out.copy_from_slice(&colors[..pixels]);
@@ -417,7 +416,7 @@ fn on_plane<S: Simd>(
 
 /// Computes the footprints of a block without parallax.
 #[inline(always)]
-fn undisplaced_footprints<S: Simd, const NEAREST: bool>(
+fn plane_footprints<S: Simd, const NEAREST: bool>(
     simd: S,
     block: &PixelBlock,
     count: usize,
@@ -464,7 +463,7 @@ impl BlockLookups {
 
 /// Computes the footprints of a block with parallax.
 #[inline(always)]
-fn displaced_footprints<S: Simd, const NEAREST: bool>(
+fn parallax_footprints<S: Simd, const NEAREST: bool>(
     simd: S,
     parallax: Parallax,
     block: &PixelBlock,
