@@ -150,7 +150,7 @@ mod tests {
                 let found = min_layers(f, range, st / (m - 1.0), pixel);
                 assert!((found - derived).abs() < 0.05, "{found} for {derived}");
             }
-            // Of a single layer for the whole range.
+            // A single layer for the whole range (Eq. 3).
             let found = st / max_spacing(f, range[1] - range[0], pixel) + 1.0;
             assert!((found - cameras).abs() < 0.05, "{found} for {cameras}");
         }
