@@ -1,9 +1,9 @@
-//! The pinhole camera that every stage shares.
+//! Pinhole camera of all stages.
 
 use glam::{DMat3, DMat4, DVec3, DVec4, dvec3};
 use std::ops::Range;
 
-/// Why a camera could not be made.
+/// Error of creating a camera.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum CameraError {
     /// A coordinate is NaN or infinite.
@@ -20,21 +20,21 @@ pub enum CameraError {
     Size(u32, u32),
 }
 
-/// Angle, degrees, that a side of an image spans at some focal length, both in pixels.
+/// Returns the angle that a side of an image spans, degrees; side and focal length in pixels.
 pub fn fov_deg(side_px: f64, focal_px: f64) -> f64 {
     2.0 * (side_px / 2.0 / focal_px).atan().to_degrees()
 }
 
-/// Focal length, pixels, at which a side of an image spans some degrees.
+/// Returns the focal length at which a side of an image spans some degrees, pixels.
 pub fn focal_px(side_px: f64, fov_deg: f64) -> f64 {
     side_px / 2.0 / (fov_deg.to_radians() / 2.0).tan()
 }
 
-/// A pinhole camera with square pixels. Eye space is X right, Y up, looking down -Z; row 0 of the
+/// Pinhole camera with square pixels. Eye space is X right, Y up, looking down -Z; row 0 of the
 /// image is on top.
 ///
-/// The one invariant: `world_from_eye` is a rotation (orthonormal, right-handed), `focal_px` is
-/// positive and finite.
+/// Invariant: `world_from_eye` is a rotation (orthonormal, right-handed), `focal_px` is positive
+/// and finite.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Camera {
     eye: DVec3,
@@ -46,13 +46,13 @@ pub struct Camera {
 }
 
 impl Camera {
-    /// The longest side of an image, in pixels.
+    /// Maximum width and height of an image, pixels.
     pub const MAX_SIDE_PX: u32 = 16_384;
 
-    /// A camera at `eye` looking at `look_at`, with `up` (any length, not parallel to the view)
-    /// pointing up in the image and `fov_y_deg` degrees between the top and the bottom edge,
-    /// `width` by `height` pixels. If `up` is parallel to the view or zero, the world axis that is
-    /// least parallel to the view takes its place.
+    /// Creates a camera at `eye` looking at `look_at`, with `up` (any length, not parallel to the
+    /// view) pointing up in the image and `fov_y_deg` degrees between the top and the bottom edge,
+    /// `width` by `height` pixels. If `up` is parallel to the view or zero, it is replaced by a
+    /// world axis that is not: Y, or Z for views along Y.
     ///
     /// # Errors
     /// See [`CameraError`].
@@ -85,16 +85,16 @@ impl Camera {
             }
         });
         let right = forward.cross(up).normalize();
-        // With `up` nearly along the view, the product cancels down to its last digits and is no
-        // longer perpendicular.
+        // With `up` nearly parallel to the view, the cross product suffers from cancellation and is
+        // no longer perpendicular.
         let right = (right - forward * forward.dot(right)).normalize();
         let world_from_eye = DMat3::from_cols(right, right.cross(forward), -forward);
         let focal_px = focal_px(f64::from(height), fov_y_deg);
         Self::from_parts(eye, world_from_eye, focal_px, width, height)
     }
 
-    /// A camera from its rotation (columns: right, up, back) and focal length in pixels, the
-    /// principal point in the middle of the image.
+    /// Creates a camera from its rotation (columns: right, up, back) and focal length in pixels,
+    /// with the principal point at the centre of the image.
     ///
     /// # Errors
     /// [`CameraError::Size`] if a side is 0 or longer than [`Self::MAX_SIDE_PX`].
@@ -120,14 +120,14 @@ impl Camera {
         })
     }
 
-    /// The same camera with its eye moved to `eye`.
+    /// Returns the same camera with another eye position.
     #[must_use]
     pub fn with_eye(self, eye: DVec3) -> Self {
         Self { eye, ..self }
     }
 
-    /// The same camera for a part of its image: pixel (0, 0) is the first of these columns and rows
-    /// of the whole. The part may reach beyond the whole.
+    /// Returns the camera of a part of the image: pixel (0, 0) is the first of these columns and
+    /// rows of the whole. The part may extend beyond the whole.
     ///
     /// # Errors
     /// [`CameraError::Size`] as for [`Self::from_parts`].
@@ -141,7 +141,7 @@ impl Camera {
         })
     }
 
-    /// The same camera with its principal point elsewhere, pixels, as photographs have it.
+    /// Returns the same camera with another principal point, pixels, as photographs have it.
     #[must_use]
     pub fn with_principal_px(self, principal_px: [f64; 2]) -> Self {
         Self {
@@ -191,10 +191,10 @@ impl Camera {
         self.height
     }
 
-    /// The matrix that takes a world point (X, Y, Z, 1) to (x w, y w, 1, w), where (x, y) is the
-    /// position in pixels and w the eye depth. Its third row keeps the homogeneous 1, so that after
-    /// the division by w the third component is the inverse depth (the choice `z2 = 1/Z2` of Shade
-    /// et al., section 5.3; S20).
+    /// Returns the matrix that takes a world point (X, Y, Z, 1) to (x w, y w, 1, w), where (x, y)
+    /// is the position in pixels and w the eye depth. Its third row keeps the homogeneous 1, so
+    /// that after the division by w the third component is the inverse depth (the choice
+    /// `z2 = 1/Z2` of Shade et al., section 5.3; S20).
     pub fn image_from_world(&self) -> DMat4 {
         let [right, up, back] = self.world_from_eye.to_cols_array_2d().map(DVec3::from);
         let row_x = right * self.focal_px - back * self.principal_px[0];
@@ -203,8 +203,8 @@ impl Camera {
         DMat4::from_cols(row(row_x), row(row_y), DVec4::W, row(-back)).transpose()
     }
 
-    /// Position in pixels and eye depth of a world point, or `None` if it is not in front of the
-    /// eye.
+    /// Projects a world point: position in pixels and eye depth, or `None` if it is not in front of
+    /// the eye.
     pub fn project(&self, point: DVec3) -> Option<[f64; 3]> {
         let in_eye = self.world_from_eye.transpose() * (point - self.eye);
         let eye_depth = -in_eye.z;
@@ -218,8 +218,9 @@ impl Camera {
         })
     }
 
-    /// World-space direction through the image position (x, y) in pixels, scaled to eye depth 1
-    /// (not normalised): `eye + eye_depth * direction` is the point seen there at that depth.
+    /// Returns the world-space direction through the image position (x, y) in pixels, scaled to eye
+    /// depth 1 (not normalised): `eye + eye_depth * direction` is the point seen there at that
+    /// depth.
     pub fn direction(&self, x_px: f64, y_px: f64) -> DVec3 {
         let x = (x_px - self.principal_px[0]) / self.focal_px;
         let y = (self.principal_px[1] - y_px) / self.focal_px;

@@ -1,16 +1,16 @@
-//! sRGB and linear light, and luminance.
+//! Conversion between sRGB and linear light, and luminance.
 
-/// Linear light of an 8-bit sRGB value.
+/// Converts an 8-bit sRGB value to linear light.
 pub fn linear_from_srgb8(value: u8) -> f32 {
     LINEAR_FROM_SRGB8[usize::from(value)]
 }
 
-/// Table of [`linear_from_srgb8`] for every value.
+/// Returns the table of [`linear_from_srgb8`] for all values.
 pub fn linear_levels() -> &'static [f32; 256] {
     &LINEAR_FROM_SRGB8
 }
 
-/// Linear light of an sRGB value in 0..=1; values outside are clamped, NaN becomes 0.
+/// Converts an sRGB value in 0..=1 to linear light; values outside are clamped, NaN becomes 0.
 pub fn linear_from_srgb(value: f32) -> f32 {
     let x = if value > 0.0 { value.min(1.0) } else { 0.0 };
     if x <= 0.040_45 {
@@ -20,7 +20,7 @@ pub fn linear_from_srgb(value: f32) -> f32 {
     }
 }
 
-/// The nearest 8-bit sRGB value of linear light (clamped to 0..1; NaN becomes 0).
+/// Converts linear light (clamped to 0..1; NaN becomes 0) to the nearest 8-bit sRGB value.
 pub fn srgb8_from_linear(linear: f32) -> u8 {
     let x = if linear > 0.0 { linear.min(1.0) } else { 0.0 };
     let encoded = if x <= 0.003_130_8 {
@@ -46,7 +46,7 @@ static LINEAR_FROM_SRGB8: std::sync::LazyLock<[f32; 256]> = std::sync::LazyLock:
 /// Rec. 709 weights of linear RGB in [`luminance`].
 pub const LUMINANCE: [f32; 3] = [0.2126, 0.7152, 0.0722];
 
-/// Rec. 709 luminance of linear RGB.
+/// Returns the Rec. 709 luminance of linear RGB.
 #[inline]
 pub fn luminance([r, g, b]: [f32; 3]) -> f32 {
     LUMINANCE[0] * r + LUMINANCE[1] * g + LUMINANCE[2] * b

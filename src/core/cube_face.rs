@@ -1,11 +1,11 @@
-//! The six faces of a cube and the cameras that look through them.
+//! Faces of a cube and their cameras.
 
 use glam::{DMat3, DVec3, Vec3};
 
 /// Largest side of a cube face or of the environment, pixels.
 pub const MAX_FACE_SIZE_PX: u32 = 8192;
 
-/// A face of a cube, which is also the camera that looks through it from the centre.
+/// Face of a cube, which is also the camera that looks through it from the centre.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 #[repr(u8)]
 pub enum Face {
@@ -39,7 +39,7 @@ impl Face {
         self as usize
     }
 
-    /// Outward normal, which is the viewing direction of the face's camera.
+    /// Outward normal, which is also the viewing direction of the face's camera.
     pub fn normal(self) -> DVec3 {
         [
             DVec3::X,
@@ -70,8 +70,8 @@ impl Face {
         DMat3::from_cols(self.right(), self.up(), -self.normal())
     }
 
-    /// The face whose frustum contains the point `from_centre` (relative to the centre): the axis
-    /// of the largest absolute coordinate; ties go to the lower index.
+    /// Returns the face whose frustum contains the point `from_centre` (relative to the centre):
+    /// the axis of the largest absolute coordinate; ties go to the lower index.
     pub fn containing(from_centre: DVec3) -> Self {
         let a = from_centre.abs();
         let axis = if a.x >= a.y && a.x >= a.z {
@@ -82,8 +82,9 @@ impl Face {
         Self::ALL[2 * axis + usize::from(from_centre[axis] < 0.0)]
     }
 
-    /// The face that contains a point (relative to the centre; ties as in [`Self::containing`]) and
-    /// the point's coordinates in the face's eye space, as [`Self::eye_space`].
+    /// Returns the face that contains a point (relative to the centre; ties as in
+    /// [`Self::containing`]) and the point's coordinates in the face's eye space, as
+    /// [`Self::eye_space`].
     #[inline]
     pub fn locate(from_centre: Vec3) -> (Self, [f32; 3]) {
         let Vec3 { x, y, z } = from_centre;
@@ -100,8 +101,8 @@ impl Face {
         (face, face.eye_space(from_centre))
     }
 
-    /// The coordinates of a point (relative to the centre) in the face's eye space: right, up, and
-    /// eye depth. All are exact.
+    /// Returns the coordinates of a point (relative to the centre) in the face's eye space: right,
+    /// up, and eye depth. All are exact.
     #[inline]
     pub fn eye_space(self, from_centre: Vec3) -> [f32; 3] {
         let Vec3 { x, y, z } = from_centre;
@@ -115,8 +116,8 @@ impl Face {
         }
     }
 
-    /// Image position in pixels (row 0 on top) on a face image of `size_px` pixels a side, and eye
-    /// depth, of a point relative to the centre. The point must be in front of the face.
+    /// Projects a point relative to the centre, which must be in front of the face, to its image of
+    /// `size_px` pixels a side: position in pixels (row 0 on top), and eye depth.
     pub fn project(self, from_centre: DVec3, size_px: u32) -> [f64; 3] {
         let eye_depth = from_centre.dot(self.normal());
         let half = f64::from(size_px) / 2.0;
@@ -125,7 +126,8 @@ impl Face {
         [half * (1.0 + x), half * (1.0 - y), eye_depth]
     }
 
-    /// Direction from the centre through an image position in pixels, scaled to eye depth 1.
+    /// Returns the direction from the centre through an image position in pixels, scaled to eye
+    /// depth 1.
     #[inline]
     pub fn direction(self, x_px: f64, y_px: f64, size_px: u32) -> DVec3 {
         let half = f64::from(size_px) / 2.0;

@@ -4,8 +4,8 @@ use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::str::FromStr;
 
-/// Exposures beyond 2 to this power, or below 2 to minus it, are a mistake.
-const MOST_EV: f32 = 40.0;
+/// Largest absolute number of stops; beyond it, an exposure must be a mistake.
+const MAX_STOPS: f32 = 40.0;
 
 /// Exposure of a scene. Written `auto`, `auto+1`, `auto-0.5`, or as a number of stops.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -24,7 +24,7 @@ impl Default for Exposure {
 }
 
 impl Exposure {
-    /// Factor of linear radiance, given the metered factor `measured`.
+    /// Returns the factor of linear radiance, given the metered factor `measured`.
     pub fn factor(self, measured: f32) -> f32 {
         match self {
             Self::Auto(stops) => measured * stops.exp2(),
@@ -50,7 +50,7 @@ impl FromStr for Exposure {
         let stops = |text: &str| {
             text.parse::<f32>()
                 .ok()
-                .filter(|stops| stops.abs() <= MOST_EV)
+                .filter(|stops| stops.abs() <= MAX_STOPS)
         };
         let parsed = match text.strip_prefix("auto") {
             Some("") => Some(Self::default()),
@@ -60,7 +60,7 @@ impl FromStr for Exposure {
         };
         parsed.ok_or_else(|| {
             format!(
-                "give auto, auto+1 or auto-0.5, or a number of stops from -{MOST_EV} to {MOST_EV}"
+                "give auto, auto+1 or auto-0.5, or a number of stops from -{MAX_STOPS} to {MAX_STOPS}"
             )
         })
     }

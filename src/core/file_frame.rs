@@ -35,7 +35,7 @@ impl fmt::Display for UpAxis {
 }
 
 /// Mapping from positions of the scene's file to the world (metres, Y up). Positions on the command
-/// line are in the file's own axes and unit. Travels in our own files, flattened to `unit_m` and
+/// line are in the file's own axes and unit. Our own files contain it, flattened to `unit_m` and
 /// `z_up`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FileFrame {
@@ -56,12 +56,12 @@ impl Default for FileFrame {
 }
 
 impl FileFrame {
-    /// A position of the file, in world metres.
+    /// Converts a position of the file to world metres.
     pub fn world_from_file(&self, p: DVec3) -> DVec3 {
         self.world_direction_from_file(p) * self.unit_m
     }
 
-    /// A direction of the file, in world axes.
+    /// Converts a direction of the file to world axes.
     pub fn world_direction_from_file(&self, p: DVec3) -> DVec3 {
         match self.up {
             UpAxis::Y => p,
@@ -69,12 +69,13 @@ impl FileFrame {
         }
     }
 
-    /// Returns true if the unit keeps positions finite and exact enough: 1e-9 to 1e9 m.
+    /// Returns true if the unit is in a range that keeps positions finite and exact enough: 1e-9 to
+    /// 1e9 m.
     pub fn is_sane(&self) -> bool {
         (1e-9..=1e9).contains(&self.unit_m)
     }
 
-    /// The inverse of [`Self::world_from_file`].
+    /// Inverse of [`Self::world_from_file`].
     pub fn file_from_world(&self, p: DVec3) -> DVec3 {
         let p = p / self.unit_m;
         match self.up {

@@ -1,4 +1,4 @@
-//! The headbox: the cube from which a capture can be seen.
+//! Headbox: the cube from which a capture can be viewed.
 
 use glam::DVec3;
 

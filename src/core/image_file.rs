@@ -1,5 +1,5 @@
-//! Image files, decoded from and encoded to bytes in memory. Only this module calls the codecs:
-//! they are generic over their source and would be compiled again for each.
+//! Decoding and encoding of image files in memory. Only this module calls the codecs: they are
+//! generic over their source and would be compiled again for each.
 
 use image::codecs::png::PngEncoder;
 use image::{
@@ -56,7 +56,7 @@ pub fn read(path: &Path, most_bytes: u64) -> Result<DynamicImage, PictureError> 
     decode(&std::fs::read(path)?, Some(path), most_bytes)
 }
 
-/// Bits per channel of an image file.
+/// Reads the number of bits per channel of an image file.
 ///
 /// # Errors
 /// [`PictureError`].
@@ -68,8 +68,8 @@ pub fn bits_per_channel(path: &Path) -> Result<u16, PictureError> {
     Ok(kind.bits_per_pixel() / u16::from(kind.channel_count()))
 }
 
-/// The picture in the bytes of a file. Kinds without a signature (TGA) are known by the ending of
-/// its name alone.
+/// Decodes an image in memory. Formats without a signature (TGA) are only recognised by the
+/// extension of `name`.
 ///
 /// # Errors
 /// [`PictureError`].
@@ -94,7 +94,7 @@ pub fn decode(
     Ok(DynamicImage::from_decoder(decoder)?)
 }
 
-/// The bytes of a PNG file. `pixels`: row by row, as `kind` says.
+/// Encodes pixels, row by row in the layout of `kind`, as a PNG file.
 ///
 /// # Errors
 /// [`PictureError::Image`] if they are not `width * height` pixels, or have none.

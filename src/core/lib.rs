@@ -1,5 +1,4 @@
-//! Types that every part of headbox shares: camera, frame, colour, environment, file container,
-//! metrics, progress.
+//! Shared types of headbox: camera, frame, colour, environment, file container, metrics, progress.
 //!
 //! # Conventions
 //!

@@ -13,31 +13,31 @@ use std::str::FromStr;
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct LightParameters {
-    /// Sky: an equirectangular .hdr or .exr picture, its middle north (-Z; +Y where Z points up),
-    /// in place of the scene's sky and sun. A sun that stands in it lights as one
+    /// Sky: an equirectangular .hdr or .exr image, centred on north (-Z; +Y where Z is up), that
+    /// replaces the scene's sky and sun. A sun in the image acts as a light source.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sky: Option<PathBuf>,
-    /// Turn the picture of the sky about the up axis, degrees from north to east
+    /// Rotation of the sky's image about the up axis, degrees from north to east.
     #[serde(skip_serializing_if = "is_zero")]
     pub sky_turn: f64,
     /// Sun: the direction toward it, X,Y,Z in the file's axes; or azimuth,elevation in degrees,
-    /// from north to east and up from the horizon; or off
+    /// from north to east and up from the horizon; or off.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sun: Option<SunPlace>,
-    /// Luminance of the sun's irradiance on what faces it, in the unit of the sky's radiance; the
-    /// default sun brings 3
+    /// Luminance of the sun's irradiance on surfaces that face it, in the unit of the sky's
+    /// radiance; 3 for the default sun.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sun_strength: Option<f32>,
-    /// Exposure: auto, stops beyond that such as auto+1, or a number of stops by which linear
-    /// radiance is stored brighter
+    /// Exposure: auto, auto with additional stops such as auto+1, or a number of stops by which
+    /// linear radiance is scaled up before it is stored.
     #[serde(skip_serializing_if = "is_auto")]
     pub exposure: Exposure,
     /// True to keep light above white ([`crate::tone::ToneMap::SrgbCompressed`]).
-    #[serde(skip_serializing_if = "is_not")]
+    #[serde(skip_serializing_if = "is_false")]
     pub hdr: bool,
 }
 
-fn is_not(flag: &bool) -> bool {
+fn is_false(flag: &bool) -> bool {
     !flag
 }
 
@@ -55,7 +55,7 @@ fn is_auto(exposure: &Exposure) -> bool {
 pub enum SunPlace {
     /// No sun.
     Off,
-    /// Toward it, in the axes of the scene's file; of any length but 0.
+    /// Direction toward the sun, in the axes of the scene's file; any length but 0.
     Toward(DVec3),
     /// Degrees from north to east, and up from the horizon.
     Angles {
@@ -67,7 +67,7 @@ pub enum SunPlace {
 }
 
 impl SunPlace {
-    /// Unit vector toward the sun, world axes; `None` if there is none.
+    /// Returns the unit vector toward the sun, world axes; `None` if there is no sun.
     pub fn direction(self, frame: &FileFrame) -> Option<Vec3> {
         match self {
             Self::Off => None,

@@ -1,10 +1,10 @@
 //! Mip levels: images at half the size, each texel reduced from four of the finer level.
 
-/// Treatment of an odd last column or row of the finer level. The only column of an image is
-/// repeated in any case but [`Self::Pad`].
+/// Treatment of an odd last column or row of the finer level. A single column or row is repeated
+/// except with [`Self::Pad`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum OddEdge<T> {
-    /// Dropped: sizes are rounded down, to 1 at least.
+    /// Dropped: sizes are rounded down, to at least 1.
     Drop,
     /// Repeated: sizes are rounded up.
     Repeat,
@@ -12,7 +12,7 @@ pub enum OddEdge<T> {
     Pad(T),
 }
 
-/// An image, row by row.
+/// Image at one mip level.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MipLevel<T> {
     /// Columns and rows.
@@ -21,13 +21,13 @@ pub struct MipLevel<T> {
     pub texels: Vec<T>,
 }
 
-/// Size of the next level, rounded up.
+/// Returns the size of the next level, rounded up.
 pub fn half_size(size: [usize; 2]) -> [usize; 2] {
     size.map(|side| side.div_ceil(2))
 }
 
 impl<T: Copy> MipLevel<T> {
-    /// Returns the next level. `reduce` is given the upper left, upper right, lower left and lower
+    /// Returns the next level; `reduce` combines the upper left, upper right, lower left and lower
     /// right texel.
     #[must_use]
     pub fn halved(&self, edge: OddEdge<T>, reduce: impl Fn([T; 4]) -> T) -> Self {

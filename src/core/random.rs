@@ -1,27 +1,27 @@
-//! The workspace's one sequential random generator, SplitMix64 (Steele, Lea and Flood 2014), read
-//! as counter-based: the n-th number of a stream is a hash of the stream's key and n. So the same
-//! seed gives the same scene everywhere, and a part that draws more numbers does not disturb the
-//! parts after it. Samplers, which need the n-th number of millions of streams, hash coordinates
-//! instead: `random4`.
+//! Sequential random generator of the workspace: SplitMix64 (Steele, Lea and Flood 2014) as a
+//! counter-based generator. The n-th number of a stream is a hash of the stream's key and n, so the
+//! same seed gives the same scene everywhere, and a part that draws more numbers does not disturb
+//! later parts. Samplers, which need the n-th number of millions of streams, hash coordinates
+//! instead (`random4`).
 
 use glam::DVec3;
 
-/// The golden-ratio increment of SplitMix64.
+/// Golden-ratio increment of SplitMix64.
 const INCREMENT: u64 = 0x9E37_79B9_7F4A_7C15;
 
-/// The finaliser of SplitMix64.
+/// Finaliser of SplitMix64.
 pub fn hash(value: u64) -> u64 {
     let z = (value ^ (value >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
     let z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
     z ^ (z >> 31)
 }
 
-/// A hash as a number in 0..1.
+/// Converts a hash to a number in 0..1.
 pub fn unit(hash: u64) -> f64 {
     (hash >> 11) as f64 / (1_u64 << 53) as f64
 }
 
-/// A stream of numbers.
+/// Stream of random numbers.
 #[derive(Clone, Debug)]
 pub struct Rng {
     key: u64,
@@ -29,18 +29,18 @@ pub struct Rng {
 }
 
 impl Rng {
-    /// The stream of a seed: seeds that differ by little give streams that have nothing to do with
-    /// each other.
+    /// Creates the stream of a seed; similar seeds give unrelated streams.
     pub fn new(seed: u64) -> Self {
         Self::keyed(hash(seed ^ INCREMENT))
     }
 
-    /// SplitMix64 from this state on.
+    /// Creates SplitMix64 with this state.
     pub fn keyed(key: u64) -> Self {
         Self { key, counter: 0 }
     }
 
-    /// An independent stream for part `part`; the same whatever was drawn from `self`.
+    /// Returns an independent stream for part `part`; it does not depend on numbers drawn from
+    /// `self`.
     pub fn fork(&self, part: u64) -> Self {
         Self {
             key: hash(self.key ^ hash(part.wrapping_add(INCREMENT))),
@@ -48,33 +48,33 @@ impl Rng {
         }
     }
 
-    /// 64 uniform bits.
+    /// Draws 64 uniform bits.
     pub fn bits(&mut self) -> u64 {
         self.counter = self.counter.wrapping_add(INCREMENT);
         hash(self.key.wrapping_add(self.counter))
     }
 
-    /// Uniform in 0..1.
+    /// Draws a number uniformly from 0..1.
     pub fn unit(&mut self) -> f64 {
         unit(self.bits())
     }
 
-    /// One of `0..count`; 0 of none.
+    /// Draws one of `0..count`; 0 if `count` is 0.
     pub fn below(&mut self, count: u64) -> u64 {
         self.bits() % count.max(1)
     }
 
-    /// Uniform in `low..high`.
+    /// Draws a number uniformly from `low..high`.
     pub fn between(&mut self, low: f64, high: f64) -> f64 {
         low + (high - low) * self.unit()
     }
 
-    /// Uniform in a cube from `-half` to `half`.
+    /// Draws a point uniformly from the cube from `-half` to `half`.
     pub fn in_cube(&mut self, half: f64) -> DVec3 {
         DVec3::from_array(std::array::from_fn(|_| self.between(-half, half)))
     }
 
-    /// Uniform in the unit ball.
+    /// Draws a point uniformly from the unit ball.
     pub fn in_ball(&mut self) -> DVec3 {
         loop {
             let place = self.in_cube(1.0);

@@ -1,6 +1,6 @@
-//! The SIMD level of the process: chosen once, from the processor and `HEADBOX_SIMD`.
+//! SIMD level of the process, chosen once from the processor and `HEADBOX_SIMD`.
 //!
-//! Every level gives the same bits (docs/simd.md), so that a level affects time only.
+//! Every level gives the same bits (docs/simd.md); it only affects time.
 
 use fearless_simd::Level;
 use std::sync::LazyLock;
@@ -16,27 +16,27 @@ pub struct LevelError {
     available: String,
 }
 
-/// The level that everything uses: the processor's best, or that of `HEADBOX_SIMD` if there is such
-/// a one.
+/// Returns the level in use: that of `HEADBOX_SIMD` if the processor has it, else the processor's
+/// best.
 pub fn level() -> Level {
     static LEVEL: LazyLock<Level> = LazyLock::new(|| requested().unwrap_or_else(|_| Level::new()));
     *LEVEL
 }
 
-/// The level that the environment asks for, or the processor's best.
+/// Returns the level requested by `HEADBOX_SIMD`, or the processor's best if it is not set.
 ///
 /// # Errors
 ///
-/// `HEADBOX_SIMD` is not the name of a level that this processor has.
+/// If `HEADBOX_SIMD` is not the name of a level of this processor.
 pub fn requested() -> Result<Level, LevelError> {
     match std::env::var_os(VARIABLE) {
-        Some(wanted) if !wanted.is_empty() => named(&wanted.to_string_lossy()),
+        Some(wanted) if !wanted.is_empty() => find(&wanted.to_string_lossy()),
         _ => Ok(Level::new()),
     }
 }
 
-/// Finds the level of a name among [`levels`].
-fn named(wanted: &str) -> Result<Level, LevelError> {
+/// Finds a level by name among [`levels`].
+fn find(wanted: &str) -> Result<Level, LevelError> {
     let levels = levels();
     let found = levels.iter().find(|level| name(**level) == wanted);
     found.copied().ok_or_else(|| LevelError {
@@ -49,7 +49,7 @@ fn named(wanted: &str) -> Result<Level, LevelError> {
     })
 }
 
-/// The levels of this processor, the lowest first. All give the same bits.
+/// Returns the levels of this processor, the lowest first. All give the same bits.
 pub fn levels() -> Vec<Level> {
     let best = Level::new();
     let mut levels = vec![Level::baseline()];
@@ -63,8 +63,8 @@ pub fn levels() -> Vec<Level> {
     levels
 }
 
-/// `fallback` (what every processor of the architecture has: SSE2 on x86-64, scalars elsewhere),
-/// `sse4.2`, `avx2`, `avx512`, or `neon`.
+/// Returns the name of a level: `fallback` (the baseline of the architecture: SSE2 on x86-64,
+/// scalar code elsewhere), `sse4.2`, `avx2`, `avx512`, or `neon`.
 pub fn name(level: Level) -> &'static str {
     #[cfg(target_arch = "x86_64")]
     {
@@ -98,10 +98,10 @@ mod tests {
             "the best comes last"
         );
         for level in &levels {
-            assert_eq!(named(name(*level)).map(name), Ok(name(*level)));
+            assert_eq!(find(name(*level)).map(name), Ok(name(*level)));
         }
         for wanted in ["AVX2", "sse9", "fast"] {
-            let error = named(wanted).expect_err("is no level").to_string();
+            let error = find(wanted).expect_err("is no level").to_string();
             assert!(
                 error.contains(wanted) && error.contains(name(levels[0])),
                 "{error}"

@@ -1,22 +1,23 @@
-//! Linear light to 8-bit sRGB by a table: the same bytes as [`srgb8_from_linear`] without its power
-//! function.
+//! Table lookup from linear light to 8-bit sRGB: the same bytes as [`srgb8_from_linear`] without
+//! its power function.
 
 use crate::color::srgb8_from_linear;
 use fearless_simd::prelude::*;
 use fearless_simd::{f32x16, u32x16};
 use std::sync::LazyLock;
 
-/// Below this, sRGB is 0: the curve reaches half a level at 1.5e-4.
+/// Start of the table; below it, sRGB is 0: the curve reaches half a level at 1.5e-4.
 const FIRST_BITS: u32 = (1.0f32 / 8192.0).to_bits();
-/// 128 entries an octave: at most one of the 256 levels begins inside an entry.
+/// Bits per entry: with 128 entries per octave, at most one of the 256 levels begins inside an
+/// entry.
 const SHIFT: u32 = 16;
-/// The other bits.
-const REST: u32 = (1 << SHIFT) - 1;
+/// Mask of the bits inside an entry.
+const LOW_BITS: u32 = (1 << SHIFT) - 1;
 const ENTRIES: usize = ((1.0f32.to_bits() - FIRST_BITS) >> SHIFT) as usize + 1;
 
-/// For each run of values with the same leading bits: the level of its first in the highest byte,
-/// and below it the rest of the bits from which the next level holds, one more than there are where
-/// all of the run has one level.
+/// Table with an entry for each range of values with the same leading bits. The highest byte is the
+/// level of the first value; the others are the offset of the first value with the next level, or
+/// the length of the range if all values have one level.
 pub struct SrgbTable {
     entries: Box<[u32; ENTRIES]>,
 }
@@ -25,15 +26,15 @@ static TABLE: LazyLock<SrgbTable> = LazyLock::new(|| SrgbTable {
     entries: Box::new(std::array::from_fn(|i| {
         let first = FIRST_BITS + ((i as u32) << SHIFT);
         let level = srgb8_from_linear(f32::from_bits(first));
-        // Bisection over the bits, which are ordered as the values are.
+        // Bisection over the bits, which are ordered like the values.
         let (mut same, mut next) = (first, first + (1 << SHIFT));
         while next - same > 1 {
             let middle = same.midpoint(next);
-            *(if srgb8_from_linear(f32::from_bits(middle)) == level {
-                &mut same
+            if srgb8_from_linear(f32::from_bits(middle)) == level {
+                same = middle;
             } else {
-                &mut next
-            }) = middle;
+                next = middle;
+            }
         }
         u32::from(level) << 24 | (next - first)
     })),
@@ -45,14 +46,14 @@ impl SrgbTable {
         &TABLE
     }
 
-    /// The nearest 8-bit sRGB value of linear light; values outside 0..1 are clamped, NaN becomes
-    /// 0.
+    /// Returns the nearest 8-bit sRGB value of linear light; values outside 0..1 are clamped, NaN
+    /// becomes 0.
     #[inline(always)]
     fn encode(&self, linear: f32) -> u8 {
-        // NaN becomes the first entry's value, whose level is 0.
+        // NaN becomes the first value of the table, whose level is 0.
         let bits = linear.max(f32::from_bits(FIRST_BITS)).min(1.0).to_bits() - FIRST_BITS;
         let entry = self.entry(bits >> SHIFT);
-        (entry >> 24) as u8 + u8::from(bits & REST >= entry & 0xff_ffff)
+        (entry >> 24) as u8 + u8::from(bits & LOW_BITS >= entry & 0xff_ffff)
     }
 
     /// Same as [`encode_srgb`] for the first `count` of sixteen lanes.
@@ -69,19 +70,20 @@ impl SrgbTable {
         let entries = u32x16::load_array(simd, entries);
         let one = u32x16::splat(simd, 1);
         (entries >> 24)
-            + (bits & REST)
+            + (bits & LOW_BITS)
                 .simd_ge(entries & 0xff_ffff)
                 .select(one, u32x16::splat(simd, 0))
     }
 
     #[inline(always)]
     fn entry(&self, number: u32) -> u32 {
-        // The bound is never met (1 has the last entry), but spares a check.
+        // The index is always in range (1 has the last entry); the bound replaces a panicking
+        // check.
         self.entries[(number as usize).min(ENTRIES - 1)]
     }
 }
 
-/// The same bytes as [`srgb8_from_linear`], by the table.
+/// Same as [`srgb8_from_linear`], by the table.
 #[inline]
 pub fn encode_srgb(linear: f32) -> u8 {
     SrgbTable::get().encode(linear)

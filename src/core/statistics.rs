@@ -1,14 +1,15 @@
 //! Medians and quantiles.
 
-/// Median of values in any order (mean of the two middle ones of an even count); `None` if empty.
+/// Returns the median of values in any order (the mean of the two middle ones of an even count);
+/// `None` if empty.
 pub fn median(values: impl IntoIterator<Item = f64>) -> Option<f64> {
     let mut sorted: Vec<f64> = values.into_iter().collect();
     sorted.sort_unstable_by(f64::total_cmp);
     quantile(&sorted, 0.5)
 }
 
-/// Quantile of ascending values: `share` (0..=1) of them lie below it. Interpolates linearly
-/// between neighbours; `None` if empty.
+/// Returns a quantile of ascending values: a share of 0..=1 of them lies below it. Interpolates
+/// linearly between neighbours; `None` if empty.
 pub fn quantile(ascending: &[f64], share: f64) -> Option<f64> {
     let last = ascending.len().checked_sub(1)?;
     let position = share * last as f64;

@@ -1,4 +1,4 @@
-//! Bilinear lookups: blends of four texels, and gathers in sixteen lanes.
+//! Bilinear texture lookups: blends of four texels, and gathers in sixteen lanes.
 
 use fearless_simd::{ExtractToken, Simd, f32x16, prelude::*, u16x32, u32x4, u32x16};
 use std::ops::{Add, Mul, Sub};
@@ -23,8 +23,8 @@ where
 /// `index`, after it, and `stride` after these. Larger indices are clamped to the last one that has
 /// all four; `None` if there is none.
 ///
-/// Registers are put together from registers of two pairs: put together from pairs, they become a
-/// chain of sixteen steps (docs/decisions/0005).
+/// Registers are composed of registers of two pairs: composed of single pairs, they become a chain
+/// of sixteen steps (docs/decisions/0005).
 #[inline(always)]
 pub fn gather_quads<S: Simd>(
     simd: S,
@@ -137,7 +137,7 @@ fn pair<S: Simd>(simd: S, texels: &[[u16; 4]], index: u32) -> u32x4<S> {
     u32x4::load_array(simd, bytemuck::cast(two))
 }
 
-/// Returns for positions along an axis of an image the pixel before each, which has a successor,
+/// Returns, for positions along an axis of an image, the pixel before each, which has a successor,
 /// and the distance from it in 1/256.
 #[inline(always)]
 pub fn locate<S: Simd>(position: f32x16<S>, side_px: u32) -> (u32x16<S>, u32x16<S>) {
@@ -177,7 +177,7 @@ fn mix_bytes<S: Simd>(a: u32x16<S>, b: u32x16<S>, share: u16x32<S>) -> [u16x32<S
     [mix(a & 0xff, b & 0xff, share), mix(a >> 8, b >> 8, share)]
 }
 
-/// Intermediate results may wrap in 16 bits; the sum fits.
+/// Blends 16-bit lanes; intermediate results may wrap, the sum fits.
 #[inline(always)]
 fn mix<S: Simd>(a: u16x32<S>, b: u16x32<S>, share: u16x32<S>) -> u16x32<S> {
     ((a << 8) + (b - a) * share + 0x80) >> 8

@@ -10,14 +10,14 @@ use std::fmt;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ToneMap {
-    /// It is cut off at 1, and encoded by the curve of sRGB.
+    /// Clips at 1 and encodes by the curve of sRGB.
     #[default]
     SrgbClipped,
-    /// It is compressed by `x (1 + x / w^2) / (1 + x)`, which reaches 1 at [`ToneMap::BRIGHTEST`] =
-    /// w (Reinhard et al. 2002, "Photographic tone reproduction", equation 4), cut off there, and
-    /// encoded by the curve of sRGB. What is stored is a picture to look at, and
-    /// [`ToneMap::exposed`] gives the light back: a step of 8 bits is 2.3 % of white, 3.0 % of what
-    /// is twice as bright and 7.3 % of the brightest (0.9 % of white without compression).
+    /// Compresses by `x (1 + x / w^2) / (1 + x)`, which reaches 1 at [`ToneMap::BRIGHTEST`] = w
+    /// (Reinhard et al. 2002, "Photographic tone reproduction", equation 4), clips there, and
+    /// encodes by the curve of sRGB. The stored image is viewable, and [`ToneMap::exposed`]
+    /// restores the light: a step of 8 bits is 2.3 % at white, 3.0 % at twice white and 7.3 % at
+    /// the brightest level (0.9 % at white without compression).
     SrgbCompressed,
 }
 
@@ -26,7 +26,7 @@ impl ToneMap {
     /// above white.
     pub const BRIGHTEST: f32 = 16.0;
 
-    /// Stored level of exposed radiance; NaN becomes 0.
+    /// Returns the stored level of exposed radiance; NaN becomes 0.
     pub fn level(self, exposed: f32) -> u8 {
         srgb8_from_linear(match self {
             Self::SrgbClipped => exposed,
@@ -37,19 +37,18 @@ impl ToneMap {
         })
     }
 
-    /// [`Self::level`] of three channels.
+    /// Returns the stored levels of three channels.
     pub fn levels(self, exposed: Vec3) -> [u8; 3] {
         exposed.to_array().map(|c| self.level(c))
     }
 
-    /// The exposed light of which `level` is stored.
+    /// Returns the exposed light of a stored level.
     pub fn exposed(self, level: u8) -> f32 {
         let y = linear_from_srgb8(level);
         match self {
             Self::SrgbClipped => y,
             Self::SrgbCompressed => {
-                // The positive root of x^2 / w^2 + (1 - y) x - y = 0, without a difference of like
-                // numbers.
+                // The positive root of x^2 / w^2 + (1 - y) x - y = 0, without cancellation.
                 let square = Self::BRIGHTEST.powi(2);
                 2.0 * y / (1.0 - y + ((1.0 - y).powi(2) + 4.0 * y / square).sqrt())
             }

@@ -9,8 +9,8 @@ use std::ops::Range;
 /// Steps per pixel of corner positions.
 pub const SUBPIXELS: i32 = 256;
 
-/// Pixels within `clip` along an axis whose centres lie between two positions, 1/256 px, both ends
-/// included; empty (its start may exceed its end) if there are none.
+/// Returns the pixels within `clip` along an axis whose centres lie between two positions, 1/256
+/// px, both ends included; empty (its start may exceed its end) if there are none.
 #[inline(always)]
 pub fn pixels_between(least: i32, most: i32, clip: &Range<u32>) -> Range<u32> {
     let first = (least + SUBPIXELS / 2 - 1).div_euclid(SUBPIXELS);
@@ -23,9 +23,9 @@ pub fn pixels_between(least: i32, most: i32, clip: &Range<u32>) -> Range<u32> {
 pub struct EdgeFunction {
     /// Value at the centre of the reference pixel.
     pub value: i64,
-    /// Change from one column to the next, a 256th of it.
+    /// Change per 1/256 of a column.
     pub per_column: i64,
-    /// Change from one row to the next, a 256th of it.
+    /// Change per 1/256 of a row.
     pub per_row: i64,
 }
 

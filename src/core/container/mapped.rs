@@ -1,5 +1,5 @@
-//! Sections of our files as they lie on disk, mapped into memory: what is not looked at is not
-//! read, and what is can be let go of by the system at any time.
+//! Memory-mapped sections of our files: the system reads their pages on first access, and may drop
+//! them at any time.
 
 use memmap2::Mmap;
 use std::fs::File;
@@ -7,8 +7,8 @@ use std::io;
 use std::ops::Range;
 use std::sync::Arc;
 
-/// A mapped section. Its checksum is not verified, which would be to read it: what is read of it
-/// may need one of its own.
+/// Mapped section. Its checksum is not verified, as that would read all of it: content that needs
+/// verification must have a checksum of its own.
 #[derive(Clone, Debug)]
 pub struct MappedSection {
     map: Arc<Mmap>,
@@ -16,12 +16,12 @@ pub struct MappedSection {
 }
 
 impl MappedSection {
-    /// Bytes of a mapped file.
+    /// Creates a section from a range of a mapped file.
     pub(super) fn new(map: Arc<Mmap>, bytes: Range<usize>) -> Self {
         Self { map, bytes }
     }
 
-    /// Its values, as many as it holds whole ones of.
+    /// Returns its values; a partial one at the end is ignored.
     pub fn values<T: bytemuck::Pod>(&self) -> &[T] {
         let bytes = self.map.get(self.bytes.clone()).unwrap_or_default();
         let whole = bytes.len() - bytes.len() % size_of::<T>().max(1);
@@ -30,11 +30,11 @@ impl MappedSection {
     }
 }
 
-/// Maps a file of ours.
+/// Maps one of our files.
 pub(super) fn map(file: &File) -> io::Result<Arc<Mmap>> {
-    // SAFETY: our files are written under another name and renamed once they are whole; nothing of
-    // ours changes one afterwards. What is looked up in them are plain values, of which any bytes
-    // are one.
+    // SAFETY: our files are written under a temporary name and renamed once they are complete; none
+    // of our programs modifies one afterwards. Only plain-old-data values are read from them, for
+    // which all bytes are valid.
     let map = unsafe { Mmap::map(file) };
     map.map(Arc::new)
 }

@@ -22,8 +22,6 @@ mod tests;
 pub use mapped::MappedSection;
 
 use crate::files::write_whole;
-/// File name extensions of homes: Sweet Home 3D plans, their archives, and TOML models.
-pub const HOMES: [&str; 3] = ["xml", "sh3d", "toml"];
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
@@ -38,6 +36,9 @@ const ENTRY_BYTES: usize = 32;
 const NAME_BYTES: usize = 12;
 const ALIGNMENT: usize = 64;
 const MAX_SECTIONS: usize = 4096;
+
+/// File name extensions of homes: Sweet Home 3D plans, their archives, and TOML models.
+pub const HOMES: [&str; 3] = ["xml", "sh3d", "toml"];
 
 /// Kind of content of a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -54,68 +55,23 @@ pub struct FileKind {
 
 impl FileKind {
     /// `.ldi`
-    pub const CUBE_LDI: Self = Self {
-        tag: *b"cldi",
-        name: "cube LDI",
-        version: 2,
-        oldest: 1,
-    };
+    pub const CUBE_LDI: Self = Self::new(*b"cldi", "cube LDI", 1, 2);
     /// `.shard`
-    pub const SHARD: Self = Self {
-        tag: *b"shrd",
-        name: "capture shard",
-        version: 1,
-        oldest: 1,
-    };
+    pub const SHARD: Self = Self::new(*b"shrd", "capture shard", 1, 1);
     /// `.sprite`
-    pub const SPRITES: Self = Self {
-        tag: *b"sprt",
-        name: "sprite",
-        version: 1,
-        oldest: 1,
-    };
+    pub const SPRITES: Self = Self::new(*b"sprt", "sprite", 1, 1);
     /// `.house`
-    pub const HOUSE: Self = Self {
-        tag: *b"hous",
-        name: "house",
-        version: 2,
-        oldest: 1,
-    };
+    pub const HOUSE: Self = Self::new(*b"hous", "house", 1, 2);
     /// `.lumi`
-    pub const LUMIGRAPH: Self = Self {
-        tag: *b"lumi",
-        name: "lumigraph",
-        version: 1,
-        oldest: 1,
-    };
+    pub const LUMIGRAPH: Self = Self::new(*b"lumi", "lumigraph", 1, 1);
     /// Cached ray-traced frames of reports.
-    pub const TRUTH: Self = Self {
-        tag: *b"trth",
-        name: "truth frame",
-        version: 1,
-        oldest: 1,
-    };
+    pub const TRUTH: Self = Self::new(*b"trth", "truth frame", 1, 1);
     /// Cached samples of depth images.
-    pub const SAMPLES: Self = Self {
-        tag: *b"smpl",
-        name: "samples",
-        version: 2,
-        oldest: 2,
-    };
+    pub const SAMPLES: Self = Self::new(*b"smpl", "samples", 2, 2);
     /// Cached registration of an image set.
-    pub const REGISTRATION: Self = Self {
-        tag: *b"regi",
-        name: "registration",
-        version: 1,
-        oldest: 1,
-    };
+    pub const REGISTRATION: Self = Self::new(*b"regi", "registration", 1, 1);
     /// Cached refined poses of an image set.
-    pub const POSES: Self = Self {
-        tag: *b"pose",
-        name: "poses",
-        version: 1,
-        oldest: 1,
-    };
+    pub const POSES: Self = Self::new(*b"pose", "poses", 1, 1);
     /// All kinds.
     pub const ALL: [Self; 9] = [
         Self::CUBE_LDI,
@@ -128,6 +84,15 @@ impl FileKind {
         Self::REGISTRATION,
         Self::POSES,
     ];
+
+    const fn new(tag: [u8; 4], name: &'static str, oldest: u32, version: u32) -> Self {
+        Self {
+            tag,
+            name,
+            version,
+            oldest,
+        }
+    }
 }
 
 /// Suggests how a foreign file can be used.
@@ -240,11 +205,7 @@ impl<'a> ContainerWriter<'a> {
     /// # Errors
     /// [`FileError::Io`].
     pub fn write(self, path: &Path) -> Result<(), FileError> {
-        let written = write_whole(path, |w| self.write_to(w));
-        written.map_err(|source| FileError::Io {
-            path: path.into(),
-            source,
-        })
+        write_whole(path, |w| self.write_to(w)).map_err(|source| io_error(path, source))
     }
 
     fn write_to(self, w: &mut (impl Write + Seek)) -> io::Result<()> {
@@ -254,12 +215,12 @@ impl<'a> ContainerWriter<'a> {
         w.write_all(&vec![0; at])?;
         for (name, bytes) in self.sections {
             let mut padded = [0; NAME_BYTES];
-            let Some(room) = padded.get_mut(..name.len()) else {
-                return Err(io::Error::other(format!(
-                    "the section name \"{name}\" is too long"
-                )));
-            };
-            room.copy_from_slice(name.as_bytes());
+            padded
+                .get_mut(..name.len())
+                .ok_or_else(|| {
+                    io::Error::other(format!("the section name \"{name}\" is too long"))
+                })?
+                .copy_from_slice(name.as_bytes());
             let bytes = bytes()?;
             let start = at.next_multiple_of(ALIGNMENT);
             w.write_all(&[0; ALIGNMENT][..start - at])?;
@@ -300,52 +261,44 @@ impl Container {
     /// # Errors
     /// See [`FileError`].
     pub fn open(path: &Path, kind: FileKind) -> Result<Self, FileError> {
-        let io = |source| FileError::Io {
-            path: path.into(),
-            source,
-        };
+        let io = |source| io_error(path, source);
+        let damaged = |expected: String, found: String| damaged(path, "header", expected, found);
         let mut file = File::open(path).map_err(io)?;
         let length = file.metadata().map_err(io)?.len();
-        let mut header = Vec::new();
-        Read::by_ref(&mut file)
-            .take(HEADER_BYTES as u64)
-            .read_to_end(&mut header)
-            .map_err(io)?;
+        let mut read = |count: usize| {
+            let mut bytes = Vec::new();
+            let read = Read::by_ref(&mut file)
+                .take(count as u64)
+                .read_to_end(&mut bytes);
+            read.map(|_| bytes).map_err(io)
+        };
+        let header = read(HEADER_BYTES)?;
         let count = check_header(path, &header, kind)?;
-        let mut table = Vec::new();
-        Read::by_ref(&mut file)
-            .take((count * ENTRY_BYTES) as u64)
-            .read_to_end(&mut table)
-            .map_err(io)?;
+        let table = read(count * ENTRY_BYTES)?;
         if table.len() < count * ENTRY_BYTES {
-            let found = format!("a file of {length} bytes (truncated)");
-            return Err(header_damaged(
-                path,
+            return Err(damaged(
                 format!("a table of {count} sections"),
-                found,
+                format!("a file of {length} bytes (truncated)"),
             ));
         }
         if crc32fast::hash(&table) != word(&header, 20) {
-            return Err(header_damaged(
-                path,
-                "a section table that matches its checksum",
-                "another",
+            return Err(damaged(
+                "a section table that matches its checksum".into(),
+                "another".into(),
             ));
         }
         let sections = table
             .chunks_exact(ENTRY_BYTES)
-            .map(|entry| check_entry(path, entry, length));
-        let sections = sections.collect::<Result<Vec<Entry>, _>>()?;
+            .map(|entry| check_entry(path, entry, length))
+            .collect::<Result<Vec<Entry>, _>>()?;
         let end = sections
             .iter()
             .map(|s| s.start + s.length)
             .fold((HEADER_BYTES + table.len()) as u64, u64::max);
         if length > end {
-            let found = format!("{} more bytes", length - end);
-            return Err(header_damaged(
-                path,
+            return Err(damaged(
                 format!("a file of {end} bytes"),
-                found,
+                format!("{} more bytes", length - end),
             ));
         }
         Ok(Self {
@@ -376,15 +329,10 @@ impl Container {
         names: [&str; N],
     ) -> Result<[MappedSection; N], FileError> {
         let file = self.file.lock().unwrap_or_else(PoisonError::into_inner);
-        let map = mapped::map(&file).map_err(|source| FileError::Io {
-            path: self.path.clone(),
-            source,
-        })?;
+        let map = mapped::map(&file).map_err(|source| io_error(&self.path, source))?;
         drop(file);
-        let mut entries = Vec::with_capacity(N);
-        for name in names {
-            entries.push(self.entry(name)?);
-        }
+        let entries = names.map(|name| self.entry(name));
+        let entries = entries.into_iter().collect::<Result<Vec<&Entry>, _>>()?;
         // Their ends were checked against the file's.
         let section = |entry: &Entry| {
             MappedSection::new(
@@ -399,12 +347,7 @@ impl Container {
         self.sections
             .iter()
             .find(|s| s.name == name)
-            .ok_or_else(|| FileError::Damaged {
-                path: self.path.clone(),
-                section: name.into(),
-                expected: "to be present".into(),
-                found: "no such section".into(),
-            })
+            .ok_or_else(|| damaged(&self.path, name, "to be present", "no such section"))
     }
 
     /// Reads a section and verifies its checksum.
@@ -413,12 +356,6 @@ impl Container {
     /// [`FileError::Damaged`] if it is absent or does not match its checksum, [`FileError::Io`] if
     /// it cannot be read.
     pub fn section(&self, name: &str) -> Result<Section, FileError> {
-        let section = |bytes| Section {
-            path: self.path.clone(),
-            name: name.to_owned(),
-            bytes,
-            at: 0,
-        };
         let entry = self.entry(name)?;
         // The length was checked against the file's, so the allocation is no larger than the file.
         let mut bytes = vec![0; entry.length as usize];
@@ -427,20 +364,22 @@ impl Container {
             .seek(SeekFrom::Start(entry.start))
             .and_then(|_| file.read_exact(&mut bytes));
         drop(file);
-        read.map_err(|source| FileError::Io {
-            path: self.path.clone(),
-            source,
-        })?;
+        read.map_err(|source| io_error(&self.path, source))?;
         let found = crc32fast::hash(&bytes);
-        let section = section(bytes);
-        if found == entry.checksum {
-            Ok(section)
-        } else {
-            Err(section.damaged(
+        if found != entry.checksum {
+            return Err(damaged(
+                &self.path,
+                name,
                 format!("checksum {:08x}", entry.checksum),
                 format!("{found:08x}"),
-            ))
+            ));
         }
+        Ok(Section {
+            path: self.path.clone(),
+            name: name.to_owned(),
+            bytes,
+            at: 0,
+        })
     }
 }
 
@@ -448,10 +387,22 @@ fn word(bytes: &[u8], at: usize) -> u32 {
     u32::from_le_bytes([bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]])
 }
 
-fn header_damaged(path: &Path, expected: impl Into<String>, found: impl Into<String>) -> FileError {
+fn io_error(path: &Path, source: io::Error) -> FileError {
+    FileError::Io {
+        path: path.into(),
+        source,
+    }
+}
+
+fn damaged(
+    path: &Path,
+    section: &str,
+    expected: impl Into<String>,
+    found: impl Into<String>,
+) -> FileError {
     FileError::Damaged {
         path: path.into(),
-        section: "header".into(),
+        section: section.into(),
         expected: expected.into(),
         found: found.into(),
     }
@@ -463,26 +414,22 @@ fn check_header(path: &Path, header: &[u8], kind: FileKind) -> Result<usize, Fil
         return Err(FileError::NotOurs { path: path.into() });
     }
     if header.len() < HEADER_BYTES {
-        return Err(header_damaged(
+        return Err(damaged(
             path,
+            "header",
             format!("{HEADER_BYTES} bytes"),
             format!("{} (truncated)", header.len()),
         ));
     }
     if header[8..12] != kind.tag {
-        let tag = [header[8], header[9], header[10], header[11]];
-        let found = FileKind::ALL
-            .iter()
-            .find(|kind| kind.tag == tag)
-            .map_or_else(
-                || {
-                    format!(
-                        "a headbox file of an unknown kind (\"{}\")",
-                        tag.escape_ascii()
-                    )
-                },
-                |kind| format!("a {}", kind.name),
-            );
+        let tag = &header[8..12];
+        let found = match FileKind::ALL.iter().find(|kind| kind.tag == tag) {
+            Some(kind) => format!("a {}", kind.name),
+            None => {
+                let tag = tag.escape_ascii();
+                format!("a headbox file of an unknown kind (\"{tag}\")")
+            }
+        };
         return Err(FileError::OtherKind {
             path: path.into(),
             expected: kind.name,
@@ -500,8 +447,9 @@ fn check_header(path: &Path, header: &[u8], kind: FileKind) -> Result<usize, Fil
     }
     let count = word(header, 16) as usize;
     if count > MAX_SECTIONS {
-        return Err(header_damaged(
+        return Err(damaged(
             path,
+            "header",
             format!("at most {MAX_SECTIONS} sections"),
             count.to_string(),
         ));
@@ -524,12 +472,12 @@ fn check_entry(path: &Path, entry: &[u8], file_length: u64) -> Result<Entry, Fil
         .checked_add(length)
         .is_none_or(|end| end > file_length)
     {
-        return Err(FileError::Damaged {
-            path: path.into(),
-            section: name,
-            expected: format!("{length} bytes from byte {start}"),
-            found: format!("a file of {file_length} bytes (truncated?)"),
-        });
+        return Err(damaged(
+            path,
+            &name,
+            format!("{length} bytes from byte {start}"),
+            format!("a file of {file_length} bytes (truncated?)"),
+        ));
     }
     Ok(Entry {
         name,
@@ -550,12 +498,7 @@ pub struct Section {
 impl Section {
     /// Creates the error of a damaged section.
     pub fn damaged(&self, expected: impl Into<String>, found: impl Into<String>) -> FileError {
-        FileError::Damaged {
-            path: self.path.clone(),
-            section: self.name.clone(),
-            expected: expected.into(),
-            found: found.into(),
-        }
+        damaged(&self.path, &self.name, expected, found)
     }
 
     /// Reads the next `count` values; their length is checked before memory is allocated.

@@ -1,4 +1,4 @@
-//! Files for readers: SVG drawings and HTML pages of pictures. Neither needs fonts or a rasteriser.
+//! SVG drawings and HTML pages of images, written without fonts or a rasteriser.
 
 pub mod contact_sheet;
 pub mod svg;

@@ -74,13 +74,7 @@ impl Svg {
 
     /// Draws a white rectangle with a coloured border.
     pub fn white_box(&mut self, DVec2 { x, y }: DVec2, size: DVec2, border: Color) {
-        let (
-            DVec2 {
-                x: width,
-                y: height,
-            },
-            border,
-        ) = (size, hex(border));
+        let (width, height, border) = (size.x, size.y, hex(border));
         self.0 += &format!(
             "<rect x='{x:.1}' y='{y:.1}' width='{width:.1}' height='{height:.1}' fill='white' stroke='{border}' \
              stroke-width='1.2'/>\n"

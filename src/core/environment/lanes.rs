@@ -1,9 +1,9 @@
-//! Sixteen neighbouring pixels of a frame's row, looked up at once.
+//! Environment lookup for sixteen adjacent pixels of a row at once.
 //!
 //! Along a row directions are linear in the column, and a face of the cube map is a plane: the row
-//! runs over it along a straight line, projectively. So right, up and depth on the face are linear
-//! in the column too, and a reciprocal is all that a pixel adds to them. Few runs of sixteen pixels
-//! lie on two faces; those are done face by face.
+//! crosses it along a straight line, projectively. So right, up and depth on the face are linear in
+//! the column too, and each pixel only adds a reciprocal. Few groups of sixteen pixels span two
+//! faces; these are processed face by face.
 
 use crate::cube_face::Face;
 use crate::environment::Environment;
@@ -12,13 +12,13 @@ use crate::texels::LANES;
 use fearless_simd::{ExtractToken, Simd, SimdCvtTruncate, f32x16, mask32x16, prelude::*, u32x16};
 use glam::Vec3;
 
-const LANE_NUMBERS: [f32; LANES] = [
+const LANE_INDICES: [f32; LANES] = [
     0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0,
 ];
 
 /// Intersections of the lanes' directions with a face.
-struct OnFace<S: Simd> {
-    /// The four texels around lie on the face.
+struct FacePositions<S: Simd> {
+    /// Mask of lanes whose four texels lie on the face.
     inside: mask32x16<S>,
     /// Index of the upper left texel; 0 outside.
     first: u32x16<S>,
@@ -28,9 +28,9 @@ struct OnFace<S: Simd> {
 }
 
 impl Environment {
-    /// The samples in the directions `start + i * step` for i from 0 to 15, as [`Self::sample`]
-    /// finds them, with alpha 255; alpha 0 for none. Those whose bit in `wanted` is not set may be
-    /// anything.
+    /// Samples the directions `start + i * step` for i from 0 to 15 like [`Self::sample`], with
+    /// alpha 255; alpha 0 for no sample. Results of lanes whose bit in `wanted` is not set are
+    /// arbitrary.
     #[inline(always)]
     pub fn sample_sixteen<S: Simd>(
         &self,
@@ -50,7 +50,7 @@ impl Environment {
                 let done = self.sample_on_face(simd, face, missing, start, step, &mut found);
                 missing &= !done;
             } else {
-                // At the border of the face.
+                // At the border between faces.
                 found[i] = self
                     .sample(direction)
                     .map_or([0; 4], |[r, g, b]| [r, g, b, 255]);
@@ -60,7 +60,8 @@ impl Environment {
         found
     }
 
-    /// The samples of the lanes `missing` whose four texels lie on a face; returns which these are.
+    /// Samples the lanes of `missing` whose four texels lie on a face; returns the mask of these
+    /// lanes.
     #[inline(always)]
     fn sample_on_face<S: Simd>(
         &self,
@@ -76,7 +77,7 @@ impl Environment {
         if done == 0 {
             return 0;
         }
-        let (colors, alike) = self.between_sixty_four(&on_face);
+        let (colors, uniform) = self.blend_sixteen(&on_face);
         if done == 0xffff {
             *found = bytemuck::cast(colors.to_array());
         } else {
@@ -84,7 +85,7 @@ impl Environment {
             let colors = mask32x16::from_bitmask(simd, done).select(colors, before);
             *found = bytemuck::cast(colors.to_array());
         }
-        let mut mixed = done & !alike.to_bitmask();
+        let mut mixed = done & !uniform.to_bitmask();
         if mixed != 0 {
             let (first, u, v) = (
                 on_face.first.to_array(),
@@ -94,7 +95,7 @@ impl Environment {
             while mixed != 0 {
                 let i = mixed.trailing_zeros() as usize;
                 mixed &= mixed - 1;
-                let sample = self.between_four(first[i] as usize, [u[i], v[i]]);
+                let sample = self.blend_quad(first[i] as usize, [u[i], v[i]]);
                 found[i] = sample.map_or([0; 4], |[r, g, b]| [r, g, b, 255]);
             }
         }
@@ -103,10 +104,16 @@ impl Environment {
 
     /// Intersects the directions `start + i * step` with a face.
     #[inline(always)]
-    fn locate_on_face<S: Simd>(&self, simd: S, face: Face, start: Vec3, step: Vec3) -> OnFace<S> {
+    fn locate_on_face<S: Simd>(
+        &self,
+        simd: S,
+        face: Face,
+        start: Vec3,
+        step: Vec3,
+    ) -> FacePositions<S> {
         let ([right, up, depth], [right_step, up_step, depth_step]) =
             (face.eye_space(start), face.eye_space(step));
-        let k = f32x16::load_array_ref(simd, &LANE_NUMBERS);
+        let k = f32x16::load_array_ref(simd, &LANE_INDICES);
         let depth = k * depth_step + depth;
         let (size, half) = (self.size_px as f32, self.size_px as f32 / 2.0);
         let per_depth = f32x16::splat(simd, half) / depth;
@@ -120,21 +127,22 @@ impl Environment {
             & left.simd_lt(size - 1.0)
             & top.simd_lt(size - 1.0);
         let texels_before = face.index() as u32 * self.size_px * self.size_px;
-        let first = whole(inside, top) * self.size_px + whole(inside, left) + texels_before;
+        let first =
+            floor_inside(inside, top) * self.size_px + floor_inside(inside, left) + texels_before;
         let first = inside.select(first, u32x16::splat(simd, 0));
-        OnFace {
+        FacePositions {
             inside,
             first,
-            u: whole(inside, (x_px - left) * 256.0),
-            v: whole(inside, (y_px - top) * 256.0),
+            u: floor_inside(inside, (x_px - left) * 256.0),
+            v: floor_inside(inside, (y_px - top) * 256.0),
         }
     }
 
-    /// [`Self::between_four`] for sixteen indices at a time, with the alpha of the texels, 255 or
-    /// 0; wrong where some are known and others are not. The mask says where they are alike.
+    /// Same as [`Self::blend_quad`] for sixteen indices at a time, with the alpha of the texels,
+    /// 255 or 0. The mask is set where all four texels are known or none is; other lanes are wrong.
     #[inline(always)]
-    fn between_sixty_four<S: Simd>(&self, on_face: &OnFace<S>) -> (u32x16<S>, mask32x16<S>) {
-        let &OnFace { first, u, v, .. } = on_face;
+    fn blend_sixteen<S: Simd>(&self, on_face: &FacePositions<S>) -> (u32x16<S>, mask32x16<S>) {
+        let &FacePositions { first, u, v, .. } = on_face;
         let simd = first.token();
         let Some(found) = texels::gather_quads(simd, &self.texels, first, self.size_px as usize)
         else {
@@ -142,14 +150,14 @@ impl Environment {
         };
         let [a, b, c, d] = found;
         let alpha = u32x16::splat(simd, u32::from_ne_bytes([0, 0, 0, 255]));
-        let alike = ((a & b & c & d) & alpha).simd_eq((a | b | c | d) & alpha);
-        (texels::blend_quads(found, [u, v]), alike)
+        let uniform = ((a & b & c & d) & alpha).simd_eq((a | b | c | d) & alpha);
+        (texels::blend_quads(found, [u, v]), uniform)
     }
 }
 
-/// The lanes `inside`, rounded down; of the others 0.
+/// Rounds the lanes `inside` down; the others become 0.
 #[inline(always)]
-fn whole<S: Simd>(inside: mask32x16<S>, values: f32x16<S>) -> u32x16<S> {
+fn floor_inside<S: Simd>(inside: mask32x16<S>, values: f32x16<S>) -> u32x16<S> {
     u32x16::truncate_from(inside.select(values, f32x16::splat(values.token(), 0.0)))
 }
 

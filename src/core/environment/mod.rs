@@ -1,4 +1,4 @@
-//! The surroundings at infinity, looked up by direction; `sixteen` does so for a run of pixels.
+//! Environment at infinity, sampled by direction; `lanes` samples sixteen adjacent pixels at once.
 
 mod lanes;
 
@@ -6,7 +6,7 @@ use crate::cube_face::{Face, MAX_FACE_SIZE_PX};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-/// Why an environment is invalid.
+/// Error of an invalid environment.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum EnvironmentError {
     /// The environment does not have six square faces of its size.
@@ -14,39 +14,40 @@ pub enum EnvironmentError {
         "environment: {texels} texels and {size_px} texels a side; expected six faces of at most {MAX_FACE_SIZE_PX}"
     )]
     Size {
-        /// Texels a side.
+        /// Size of a face, texels.
         size_px: u32,
         /// Number of texels.
         texels: usize,
     },
-    /// An environment texel whose alpha says neither "reached" nor "not reached".
+    /// An environment texel with an alpha other than 0 and 255.
     #[error("environment texel {index}: alpha {alpha}; it must be 255 (a miss reached it) or 0")]
     Alpha {
-        /// Position in the list of texels.
+        /// Index of the texel.
         index: usize,
-        /// The value found.
+        /// Its alpha.
         alpha: u8,
     },
 }
 
-/// The far surroundings, which do not move with the eye: radiance by direction, a small cube map.
+/// Environment map: a small cube map of radiance by direction, independent of the eye's position.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Environment {
-    /// Texels a side of each face; 0 if no ray ever left the scene (then `texels` is empty).
+    /// Size of each face, texels; 0 if no ray ever left the scene (then `texels` is empty).
     pub size_px: u32,
     /// Six faces in the order of [`Face::ALL`], row-major, row 0 on top: sRGB, and alpha 255 where
     /// a real miss reached the texel, 0 where none did.
     pub texels: Vec<[u8; 4]>,
 }
 
-/// Four bytes, 16 bits each, so that one multiplication serves all.
+/// Expands four bytes to 16 bits each, so that one multiplication scales all.
 #[inline]
-fn spread([r, g, b, a]: [u8; 4]) -> u64 {
+fn expand([r, g, b, a]: [u8; 4]) -> u64 {
     u64::from(r) | u64::from(g) << 16 | u64::from(b) << 32 | u64::from(a) << 48
 }
 
-/// [`Environment::between_four`] of the texels that a miss reached, if there are any.
-fn mean_of_known(texels: [[u8; 4]; 4], [u, v]: [u32; 2]) -> Option<[u8; 3]> {
+/// Blends the texels that a miss reached, like [`Environment::blend_quad`]; `None` if there are
+/// none.
+fn blend_known(texels: [[u8; 4]; 4], [u, v]: [u32; 2]) -> Option<[u8; 3]> {
     let weights = [(256 - u) * (256 - v), u * (256 - v), (256 - u) * v, u * v];
     let (mut sum, mut total) = ([0; 3], 0);
     for (texel, weight) in texels
@@ -63,7 +64,7 @@ fn mean_of_known(texels: [[u8; 4]; 4], [u, v]: [u32; 2]) -> Option<[u8; 3]> {
 }
 
 impl Environment {
-    /// Checks that there are six whole faces and that every alpha is 0 or 255.
+    /// Checks that there are six complete faces and that every alpha is 0 or 255.
     ///
     /// # Errors
     /// [`EnvironmentError::Size`] or [`EnvironmentError::Alpha`].
@@ -84,9 +85,9 @@ impl Environment {
         }
     }
 
-    /// Renders `radiance` (stored sRGB by unit direction, the mean of the directions given) into
-    /// faces of `size_px` texels; each texel is the mean of `side` x `side` directions, and its
-    /// alpha is 255 where `reached(texel index)` is true.
+    /// Renders an environment with faces of `size_px` texels. `stored` returns the mean sRGB of
+    /// unit directions; each texel averages `side` x `side` directions, and its alpha is 255 where
+    /// `reached(texel index)` is true.
     pub fn from_radiance(
         size_px: u32,
         side: u32,
@@ -115,9 +116,8 @@ impl Environment {
         }
     }
 
-    /// Bilinear sample of the cube map in a direction (world axes, any length), sRGB. Texels that
-    /// no miss reached have no part in it; `None` if that leaves none (or the direction is not
-    /// finite).
+    /// Samples the cube map bilinearly in a direction (world axes, any length), sRGB. Texels that
+    /// no miss reached are ignored; `None` if that leaves none (or the direction is not finite).
     pub fn sample(&self, direction: Vec3) -> Option<[u8; 3]> {
         if self.size_px == 0 || !direction.is_finite() || direction == Vec3::ZERO {
             return None;
@@ -135,16 +135,16 @@ impl Environment {
             ((y - top as f32) * 256.0) as u32,
         ];
         if inside {
-            self.between_four(first, within)
+            self.blend_quad(first, within)
         } else {
-            self.sample_anywhere(direction.as_dvec3())
+            self.sample_across_faces(direction.as_dvec3())
         }
     }
 
-    /// Between the texels of index `first` and right of it, and the two below, at distances in
-    /// 1/256 from the first. All four lie on one face.
+    /// Blends the texel of index `first`, the one right of it, and the two below, by the distances
+    /// from the first in 1/256. All four lie on one face.
     #[inline(always)]
-    fn between_four(&self, first: usize, [u, v]: [u32; 2]) -> Option<[u8; 3]> {
+    fn blend_quad(&self, first: usize, [u, v]: [u32; 2]) -> Option<[u8; 3]> {
         let size = self.size_px as usize;
         let (upper, lower) = (
             self.texels.get(first..first + 2)?,
@@ -152,23 +152,23 @@ impl Environment {
         );
         let [a, b, c, d] = [upper[0], upper[1], lower[0], lower[1]];
         if a[3] & b[3] & c[3] & d[3] != 255 {
-            return mean_of_known([a, b, c, d], [u, v]);
+            return blend_known([a, b, c, d], [u, v]);
         }
-        // Rounding of either step is at most half a level.
+        // Each of the two roundings is at most half a level.
         let mix = |a: u64, b: u64, share: u32| {
             let share = u64::from(share);
             ((a * (256 - share) + b * share + 0x0080_0080_0080_0080) >> 8) & 0x00ff_00ff_00ff_00ff
         };
         let [r, _, g, _, b, ..] = mix(
-            mix(spread(a), spread(b), u),
-            mix(spread(c), spread(d), u),
+            mix(expand(a), expand(b), u),
+            mix(expand(c), expand(d), u),
             v,
         )
         .to_le_bytes();
         Some([r, g, b])
     }
 
-    fn sample_anywhere(&self, direction: DVec3) -> Option<[u8; 3]> {
+    fn sample_across_faces(&self, direction: DVec3) -> Option<[u8; 3]> {
         let face = Face::containing(direction);
         let [x, y, _] = face.project(direction, self.size_px);
         let (x, y) = (x - 0.5, y - 0.5);
@@ -190,12 +190,12 @@ impl Environment {
                 }
             }
         }
-        // A weight this small is rounding: the one texel that counts has the alpha 0.
+        // A total this small is rounding: the only texel with a real weight has alpha 0.
         (total > 1e-6).then(|| sum.map(|s| (s / total + 0.5) as u8))
     }
 
-    /// Texel (x, y) of a face; one step beyond its border, the texel of the neighbouring face that
-    /// lies there.
+    /// Returns texel (x, y) of a face; one step beyond its border, the adjacent texel of the
+    /// neighbouring face.
     fn texel(&self, face: Face, x: i64, y: i64) -> Option<[u8; 4]> {
         let size = i64::from(self.size_px);
         let at = |face: Face, x: i64, y: i64| {

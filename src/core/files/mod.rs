@@ -1,4 +1,4 @@
-//! Output files: the one rule by which every file is written.
+//! Output files: the rule by which every file is written.
 //!
 //! | at the path is | what happens |
 //! |---|---|
@@ -9,8 +9,8 @@
 //! | `-` | the same, to standard output |
 //! | a folder, a block device, a socket | refused |
 //!
-//! On any error, and when the process is interrupted, the old file stays as it was and no half of a
-//! new one is left.
+//! On any error, and when the process is interrupted, the old file remains unchanged and no partial
+//! file is left.
 
 #[cfg(test)]
 mod tests;
@@ -22,16 +22,16 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// Temporary files that exist right now, to be removed if the process is interrupted.
+/// Existing temporary files, to be removed if the process is interrupted.
 static UNFINISHED: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
 
-/// Files that the user handed in, which nothing may overwrite.
+/// Input files of the user, which must not be overwritten.
 static INPUTS: Mutex<BTreeMap<Identity, PathBuf>> = Mutex::new(BTreeMap::new());
 
-/// The path that stands for standard output.
+/// Path that means standard output.
 pub const STANDARD_OUTPUT: &str = "-";
 
-/// Links that are followed before a chain of them counts as endless, as on Linux.
+/// Maximum length of a chain of symbolic links before it counts as endless, as on Linux.
 const MAX_LINKS: usize = 40;
 
 fn lock<T>(mutex: &'static Mutex<T>) -> MutexGuard<'static, T> {
@@ -41,7 +41,7 @@ fn lock<T>(mutex: &'static Mutex<T>) -> MutexGuard<'static, T> {
 /// Target of an output path.
 #[derive(Debug)]
 enum Target {
-    /// A regular file, or none yet: its own path behind all links, and the permissions to keep.
+    /// A regular file, or none yet: its path behind all links, and the permissions to keep.
     File(PathBuf, Option<Permissions>),
     /// A device or FIFO to stream to.
     Stream(PathBuf),
@@ -56,8 +56,7 @@ pub fn is_stream(path: &Path) -> io::Result<bool> {
     Ok(!matches!(target(path)?, Target::File(..)))
 }
 
-/// Checks, before any work is done, that [`write_whole`] will find nothing to refuse at `path`.
-/// Makes nothing.
+/// Checks in advance that [`write_whole`] will not refuse `path`. Creates nothing.
 ///
 /// # Errors
 /// Error that [`write_whole`] would return.
@@ -69,13 +68,13 @@ pub fn check(path: &Path) -> io::Result<()> {
         refuse_input(&path)?;
         refuse_read_only(&path)?;
     }
-    check_folder(folder_of(&path))
+    check_folder(parent_folder(&path))
 }
 
-/// Checks that files can be made in `folder`, which need not exist yet. Makes nothing that stays.
+/// Checks that files can be created in `folder`, which need not exist yet. Leaves nothing behind.
 ///
 /// # Errors
-/// If the folder, or the nearest one above it that exists, is no folder or cannot be written to.
+/// If the folder, or its nearest existing ancestor, is not a folder or cannot be written to.
 pub fn check_folder(folder: &Path) -> io::Result<()> {
     let nearest = folder
         .ancestors()
@@ -84,23 +83,21 @@ pub fn check_folder(folder: &Path) -> io::Result<()> {
         .filter(|folder| !folder.as_os_str().is_empty())
         .unwrap_or(Path::new("."));
     if !fs::metadata(nearest)?.is_dir() {
-        return Err(refused(match nearest == folder {
-            true => "a file stands where a folder is needed".into(),
-            false => format!("{} is no folder", nearest.display()),
+        return Err(refused(if nearest == folder {
+            "a file stands where a folder is needed".into()
+        } else {
+            format!("{} is no folder", nearest.display())
         }));
     }
-    Unfinished::beside(&nearest.join("probe"))
+    Unfinished::create_next_to(&nearest.join("probe"))
         .map(drop)
-        .map_err(|error| about_folder(nearest, &error))
+        .map_err(|error| folder_error(nearest, &error))
 }
 
-/// Declares `path` an input of this process: [`write_whole`] refuses to write to the same file, by
-/// whatever name (links, hard links, other spellings). Does nothing if there is no such file.
+/// Declares `path` an input of this process: [`write_whole`] refuses to write to the same file
+/// under any name (links, hard links, other spellings). Does nothing if there is no such file.
 pub fn protect_input(path: &Path) {
-    if let Some(identity) = fs::metadata(path)
-        .ok()
-        .and_then(|found| identity(path, &found))
-    {
+    if let Some(identity) = identity(path) {
         lock(&INPUTS).insert(identity, path.to_owned());
     }
 }
@@ -108,8 +105,8 @@ pub fn protect_input(path: &Path) {
 /// Writes a file through `write`, by the rule of this module.
 ///
 /// # Errors
-/// Whatever creating, writing, syncing or renaming reports; [`io::ErrorKind::InvalidInput`] for
-/// what the rule refuses. No message contains a temporary name.
+/// Errors of creating, writing, syncing or renaming; [`io::ErrorKind::InvalidInput`] if the rule
+/// refuses the path. No message contains a temporary name.
 pub fn write_whole(
     path: &Path,
     write: impl FnOnce(&mut BufWriter<&File>) -> io::Result<()>,
@@ -118,8 +115,8 @@ pub fn write_whole(
         Target::File(path, permissions) => replace(&path, permissions, write),
         Target::Stream(path) => {
             let mut whole = spool(write)?;
-            // Not created: the device or FIFO may have gone, and a regular file in its place would
-            // be a surprise.
+            // Does not create: if the device or FIFO has vanished, a regular file in its place
+            // would be a surprise.
             let mut stream = OpenOptions::new().write(true).open(path)?;
             io::copy(&mut whole, &mut stream)?;
             stream.flush()
@@ -133,10 +130,10 @@ pub fn write_whole(
     }
 }
 
-/// Removes all half-written files; for a process that is about to end.
+/// Removes all unfinished files; for a process that is about to end.
 pub fn remove_unfinished() {
     for path in lock(&UNFINISHED).iter() {
-        // Nothing is left to do about a file that cannot be removed.
+        // A file that cannot be removed is left.
         let _ = fs::remove_file(path);
     }
 }
@@ -145,14 +142,14 @@ fn refused(why: impl Into<String>) -> io::Error {
     io::Error::new(io::ErrorKind::InvalidInput, why.into())
 }
 
-fn about_folder(folder: &Path, error: &io::Error) -> io::Error {
+fn folder_error(folder: &Path, error: &io::Error) -> io::Error {
     io::Error::new(
         error.kind(),
         format!("no file can be made in {}: {error}", folder.display()),
     )
 }
 
-fn folder_of(path: &Path) -> &Path {
+fn parent_folder(path: &Path) -> &Path {
     path.parent()
         .filter(|parent| !parent.as_os_str().is_empty())
         .unwrap_or(Path::new("."))
@@ -165,7 +162,7 @@ fn target(path: &Path) -> io::Result<Target> {
     if path.as_os_str().is_empty() {
         return Err(refused("it has no name"));
     }
-    if names_descriptor(path) {
+    if is_descriptor(path) {
         return Ok(Target::Stream(path.into()));
     }
     match fs::metadata(path) {
@@ -176,20 +173,20 @@ fn target(path: &Path) -> io::Result<Target> {
         Ok(found) if found.is_dir() => {
             Err(refused("it is a folder; give the name of a file in it"))
         }
-        Ok(found) if takes_a_stream(&found) => Ok(Target::Stream(path.into())),
+        Ok(found) if is_streamable(&found) => Ok(Target::Stream(path.into())),
         Ok(_) => Err(refused(
             "it is a block device or a socket, which are never written to",
         )),
         Err(error) if error.kind() == io::ErrorKind::NotFound => {
-            Ok(Target::File(end_of_links(path)?, None))
+            Ok(Target::File(follow_links(path)?, None))
         }
         Err(error) => Err(error),
     }
 }
 
-/// Names of open file descriptors: the file behind one is its owner's to replace, and we write
-/// where the owner has got to.
-fn names_descriptor(path: &Path) -> bool {
+/// Returns true for names of open file descriptors: their owner decides about replacing the file,
+/// and we write at the owner's position.
+fn is_descriptor(path: &Path) -> bool {
     let is = |name: &str| path == Path::new(name);
     is("/dev/stdout")
         || is("/dev/stderr")
@@ -197,12 +194,12 @@ fn names_descriptor(path: &Path) -> bool {
         || path.starts_with("/proc")
 }
 
-/// Target of a path that does not exist: behind all links, or the path itself.
-fn end_of_links(path: &Path) -> io::Result<PathBuf> {
+/// Follows all links of a path that does not exist.
+fn follow_links(path: &Path) -> io::Result<PathBuf> {
     let mut end = path.to_path_buf();
     for _ in 0..MAX_LINKS {
         match fs::read_link(&end) {
-            Ok(link) => end = folder_of(&end).join(link),
+            Ok(link) => end = parent_folder(&end).join(link),
             Err(_) => return Ok(end),
         }
     }
@@ -210,13 +207,13 @@ fn end_of_links(path: &Path) -> io::Result<PathBuf> {
 }
 
 #[cfg(unix)]
-fn takes_a_stream(found: &Metadata) -> bool {
+fn is_streamable(found: &Metadata) -> bool {
     use std::os::unix::fs::FileTypeExt;
     found.file_type().is_char_device() || found.file_type().is_fifo()
 }
 
 #[cfg(not(unix))]
-fn takes_a_stream(_: &Metadata) -> bool {
+fn is_streamable(_: &Metadata) -> bool {
     false
 }
 
@@ -225,48 +222,42 @@ fn takes_a_stream(_: &Metadata) -> bool {
 type Identity = (u64, u64);
 
 #[cfg(unix)]
-fn identity(_: &Path, found: &Metadata) -> Option<Identity> {
+fn identity(path: &Path) -> Option<Identity> {
     use std::os::unix::fs::MetadataExt;
+    let found = fs::metadata(path).ok()?;
     found.is_file().then(|| (found.dev(), found.ino()))
 }
 
-/// Identity of a file, as far as the standard library provides one: the path behind all links.
+/// Identity of a file without device and inode: the path behind all links.
 #[cfg(not(unix))]
 type Identity = PathBuf;
 
 #[cfg(not(unix))]
-fn identity(path: &Path, _: &Metadata) -> Option<Identity> {
+fn identity(path: &Path) -> Option<Identity> {
     path.canonicalize().ok()
 }
 
 fn refuse_input(path: &Path) -> io::Result<()> {
-    let found = fs::metadata(path)?;
-    match identity(path, &found) {
-        Some(identity) if is_input(&identity) => Err(refused(
+    if identity(path).is_some_and(|identity| is_input(&identity)) {
+        return Err(refused(
             "it is an input of this command, which would be lost; choose another name",
-        )),
-        _ => Ok(()),
+        ));
     }
+    Ok(())
 }
 
-/// Returns true if a declared input still has this identity: after it is deleted, its inode may be
+/// Returns true if a declared input still has this identity: after a deletion, the inode may be
 /// reused.
 fn is_input(wanted: &Identity) -> bool {
     let declared = lock(&INPUTS).get(wanted).cloned();
-    declared.is_some_and(|path| {
-        fs::metadata(&path)
-            .ok()
-            .and_then(|found| identity(&path, &found))
-            .as_ref()
-            == Some(wanted)
-    })
+    declared.is_some_and(|path| identity(&path).as_ref() == Some(wanted))
 }
 
-/// Renaming asks for no permission to write to the file that it replaces.
+/// Refuses a read-only file, which renaming would replace.
 fn refuse_read_only(path: &Path) -> io::Result<()> {
-    // Root may open what its owner has marked as not to be written to: so look at the mark, too.
-    let marked = fs::metadata(path)?.permissions().readonly();
-    if marked || OpenOptions::new().write(true).open(path).is_err() {
+    // Root can open read-only files, so the permission bits are tested too.
+    let is_read_only = fs::metadata(path)?.permissions().readonly();
+    if is_read_only || OpenOptions::new().write(true).open(path).is_err() {
         let why = "it is read-only; choose another name, or make it writable";
         return Err(io::Error::new(io::ErrorKind::PermissionDenied, why));
     }
@@ -282,9 +273,10 @@ fn replace(
         refuse_input(path)?;
         refuse_read_only(path)?;
     }
-    let folder = folder_of(path);
-    fs::create_dir_all(folder).map_err(|error| about_folder(folder, &error))?;
-    let unfinished = Unfinished::beside(path).map_err(|error| about_folder(folder, &error))?;
+    let folder = parent_folder(path);
+    fs::create_dir_all(folder).map_err(|error| folder_error(folder, &error))?;
+    let unfinished =
+        Unfinished::create_next_to(path).map_err(|error| folder_error(folder, &error))?;
     write_buffered(&unfinished.file, write)?;
     if let Some(permissions) = permissions {
         unfinished.file.set_permissions(permissions)?;
@@ -302,30 +294,30 @@ fn write_buffered(
     writer.flush()
 }
 
-/// A whole result in a file without a name to others, at its beginning.
+/// Writes a complete result to an unnamed temporary file, positioned at its beginning.
 fn spool(write: impl FnOnce(&mut BufWriter<&File>) -> io::Result<()>) -> io::Result<File> {
-    let unfinished = Unfinished::beside(&std::env::temp_dir().join("stream"))?;
+    let unfinished = Unfinished::create_next_to(&std::env::temp_dir().join("stream"))?;
     write_buffered(&unfinished.file, write)?;
     let mut file = unfinished.file.try_clone()?;
     file.rewind()?;
     Ok(file)
 }
 
-/// A temporary file, removed when this is dropped unless it has been renamed by then.
+/// Temporary file, removed when this is dropped unless it has been renamed by then.
 struct Unfinished {
     path: PathBuf,
     file: File,
 }
 
 impl Unfinished {
-    /// A new file in the folder of `path`.
-    fn beside(path: &Path) -> io::Result<Self> {
+    /// Creates a temporary file in the folder of `path`.
+    fn create_next_to(path: &Path) -> io::Result<Self> {
         static COUNT: AtomicU64 = AtomicU64::new(0);
         loop {
             let number = COUNT.fetch_add(1, Ordering::Relaxed);
             let path =
-                folder_of(path).join(format!(".headbox-{}-{number}.part", std::process::id()));
-            // Held while the file is made: an interrupt finds either no file or its name.
+                parent_folder(path).join(format!(".headbox-{}-{number}.part", std::process::id()));
+            // Locked while the file is created: an interrupt finds either no file or its name.
             let mut unfinished = lock(&UNFINISHED);
             match OpenOptions::new()
                 .read(true)
@@ -337,7 +329,7 @@ impl Unfinished {
                     unfinished.insert(path.clone());
                     return Ok(Self { path, file });
                 }
-                // Left behind by a process that was killed and had the same number.
+                // Left behind by a killed process with the same number.
                 Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
                 Err(error) => return Err(error),
             }
@@ -348,7 +340,7 @@ impl Unfinished {
 impl Drop for Unfinished {
     fn drop(&mut self) {
         lock(&UNFINISHED).remove(&self.path);
-        // Renamed, it is not there any more; and the first error is the one to report.
+        // A renamed file no longer exists, and the first error is the one to report.
         let _ = fs::remove_file(&self.path);
     }
 }

@@ -2,19 +2,21 @@
 
 use image::RgbImage;
 
-/// Bytes that one task scans: whole pixels, and 255^2 times as many still fits `u32`.
+/// Bytes per task: whole pixels, and 255^2 times this fits in `u32`.
 pub(super) const SCAN_BYTES: usize = 3 * (1 << 14);
 const _: () = assert!(
     SCAN_BYTES * 255 * 255 <= u32::MAX as usize,
     "a task's squared error is summed in u32"
 );
 
-/// Below this the filters are narrower than a pixel and the metric means nothing.
+/// Minimum pixels per degree: below it, FLIP's filters are narrower than a pixel and the metric is
+/// meaningless.
 pub const MIN_PIXELS_PER_DEGREE: f32 = 1.0;
-/// At this the filters span hundreds of pixels; a bound keeps a wild number from taking hours.
+/// Maximum pixels per degree: at it, the filters span hundreds of pixels; the limit prevents run
+/// times of hours.
 pub const MAX_PIXELS_PER_DEGREE: f32 = 1000.0;
 
-/// Why two images could not be compared.
+/// Error of comparing two images.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum MetricError {
     /// The images differ in size; both sizes are width and height in pixels.
@@ -35,7 +37,7 @@ pub enum MetricError {
     PixelsPerDegree(f32),
 }
 
-/// Two images can be compared if they have the same, non-empty extent.
+/// Checks that two images have the same, non-empty size.
 pub(super) fn check_sizes(reference: &RgbImage, test: &RgbImage) -> Result<(), MetricError> {
     if reference.dimensions() != test.dimensions() {
         return Err(MetricError::SizeMismatch {

@@ -1,11 +1,12 @@
-//! The magma color map, in which FLIP maps are shown.
+//! Magma color map, for FLIP maps.
 //!
 //! By Nathaniel J. Smith and Stefan van der Walt (2015), released under CC0; here rounded to 8
 //! bits.
 
 use image::Rgb;
 
-/// The color of a value in 0..=1: the nearest of 256 steps from black over purple to pale yellow.
+/// Returns the color of a value in 0..=1: the nearest of 256 steps from black over purple to pale
+/// yellow.
 pub(super) fn color(value: f32) -> Rgb<u8> {
     let [_, red, green, blue] = MAGMA[usize::from((value * 255.0 + 0.5) as u8)].to_be_bytes();
     Rgb([red, green, blue])

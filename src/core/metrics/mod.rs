@@ -1,7 +1,7 @@
 //! Image metrics: FLIP, PSNR, SSIM and the share of differing pixels.
 //!
 //! All metrics take 8-bit sRGB images of equal size and are deterministic: the same images give the
-//! same figures on any number of threads and at every SIMD level.
+//! same values on any number of threads and at every SIMD level.
 //!
 //! ```
 //! use image::{Rgb, RgbImage};
@@ -29,7 +29,7 @@ pub use flip::{DEFAULT_PIXELS_PER_DEGREE, FlipMap, flip_map};
 pub use own_error::{OwnError, own_error};
 pub use ssim::ssim;
 
-/// The figures of `headbox compare` and of every row of a report.
+/// Metrics of `headbox compare` and of every row of a report.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Comparison {
     /// Mean LDR-FLIP under the default viewing conditions, 0 (equal) to 1.
@@ -43,7 +43,7 @@ pub struct Comparison {
     pub differing_fraction: f64,
 }
 
-/// JSON has no infinity: an infinite figure is written as `null` and read back as positive
+/// Serialisation of infinity, which JSON lacks: written as `null` and read back as positive
 /// infinity.
 pub mod infinite_as_null {
     use serde::{Deserialize, Deserializer, Serialize, Serializer};
@@ -59,10 +59,10 @@ pub mod infinite_as_null {
     }
 }
 
-/// All figures of two images of equal size, FLIP under the default viewing conditions.
+/// Computes all metrics of two images of equal size, FLIP under the default viewing conditions.
 ///
 /// # Errors
-/// When the sizes differ or the images have no pixels.
+/// If the sizes differ or the images have no pixels.
 pub fn compare(reference: &RgbImage, test: &RgbImage) -> Result<Comparison, MetricError> {
     compare_with_map(reference, test).map(|(comparison, _)| comparison)
 }
@@ -70,7 +70,7 @@ pub fn compare(reference: &RgbImage, test: &RgbImage) -> Result<Comparison, Metr
 /// Same as [`compare`]; also returns the FLIP map.
 ///
 /// # Errors
-/// When the sizes differ or the images have no pixels.
+/// If the sizes differ or the images have no pixels.
 pub fn compare_with_map(
     reference: &RgbImage,
     test: &RgbImage,
@@ -89,7 +89,7 @@ pub fn compare_with_map(
 /// mean squared error)`. Infinite for equal images.
 ///
 /// # Errors
-/// When the sizes differ or the images have no pixels.
+/// If the sizes differ or the images have no pixels.
 pub fn psnr_db(reference: &RgbImage, test: &RgbImage) -> Result<f64, MetricError> {
     check_sizes(reference, test)?;
     let squared_error: u64 = reference
@@ -110,7 +110,7 @@ pub fn psnr_db(reference: &RgbImage, test: &RgbImage) -> Result<f64, MetricError
 /// Share of pixels of which any channel differs, 0..=1.
 ///
 /// # Errors
-/// When the sizes differ or the images have no pixels.
+/// If the sizes differ or the images have no pixels.
 pub fn differing_fraction(reference: &RgbImage, test: &RgbImage) -> Result<f64, MetricError> {
     check_sizes(reference, test)?;
     let differing: usize = reference

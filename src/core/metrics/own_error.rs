@@ -1,4 +1,4 @@
-//! The error of an image against references that are noisy themselves.
+//! Error of an image against noisy references.
 
 use super::comparable::{MetricError, SCAN_BYTES, check_sizes};
 use image::RgbImage;
@@ -7,18 +7,18 @@ use rayon::prelude::*;
 /// Error of an image, without the noise of the reference.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct OwnError {
-    /// Mean squared error of values in 0..=1; as an estimate it may come out below 0.
+    /// Mean squared error of values in 0..=1; the estimate may be negative.
     pub mse: f64,
     /// Its standard error.
     pub standard_error: f64,
 }
 
 /// Estimates the error of an image against the mean of two references with independent noise: the
-/// mean product of its differences from both. Their noise adds nothing to that, whereas the mean
-/// square of either difference would contain its noise.
+/// mean product of its differences from both. It is free of their noise, which the mean square of
+/// either difference would contain.
 ///
 /// # Errors
-/// When the sizes differ or the images have no pixels.
+/// If the sizes differ or the images have no pixels.
 pub fn own_error(
     [first, second]: [&RgbImage; 2],
     test: &RgbImage,
@@ -39,7 +39,7 @@ pub fn own_error(
             [sum + product, squares + product * product]
         })
     });
-    // Collected, so that they are added in one order on any number of threads.
+    // Collected, so that the order of summation does not depend on the number of threads.
     let sums: Vec<[f64; 2]> = sums.collect();
     let count = test.len() as f64;
     let [mse, square] = [0, 1].map(|i| sums.iter().map(|sum| sum[i]).sum::<f64>() / count);

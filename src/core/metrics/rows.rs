@@ -1,36 +1,36 @@
-//! Separable filters on rows: what FLIP (in `f32`) and SSIM (in `f64`) share.
+//! Separable filters on rows, shared by FLIP (in `f32`) and SSIM (in `f64`).
 //!
-//! A filter of radius r sees 2 r + 1 *neighbours*, slices of equal length. Across a row they are
+//! A filter of radius r uses 2 r + 1 *neighbours*, slices of equal length. Across a row they are
 //! the same padded row, shifted by one element each; down a column they are 2 r + 1 rows. So one
 //! kernel serves both directions. Filters are given by half of their taps, since all are symmetric
-//! or antisymmetric: `taps[0]` is the centre, `taps[k]` weighs the neighbours k before and k after
-//! it.
+//! or antisymmetric: `taps[0]` is the centre, `taps[k]` is the weight of the neighbours k before
+//! and k after it.
 //!
 //! Every output element is computed by the same IEEE operations in the same order whatever the
 //! width of a vector, so the SIMD level does not change a bit. Rows are padded to whole blocks of
-//! vectors ([`padded_len`]); what stands in the padding is computed and ignored.
+//! vectors ([`padded_len`]); results in the padding are ignored.
 
 use fearless_simd::{Level, dispatch, prelude::*};
 
-/// Vectors that are summed side by side, so that finding a neighbour costs little beside adding it.
+/// Number of vectors that are summed together, to amortise the lookup of a neighbour.
 const BLOCK: usize = 4;
 
-/// The length to which a row of `len` elements is padded: whole blocks of the widest vectors of any
+/// Returns the padded length of a row of `len` elements: whole blocks of the widest vectors of any
 /// SIMD level.
 pub(super) fn padded_len(len: usize) -> usize {
     len.next_multiple_of(16 * BLOCK)
 }
 
-/// The neighbours across a row: `2 radius + 1` slices of `len` elements of `padded`, centred on its
-/// middle. `padded` holds `len` elements and equally many more (at least `radius`) before as after
-/// them.
+/// Returns the neighbours across a row: `2 radius + 1` slices of `len` elements of `padded`,
+/// centred on its middle. `padded` has `len` elements and equally many more (at least `radius`)
+/// before as after them.
 pub(super) fn across<T>(padded: &[T], radius: usize, len: usize) -> Vec<&[T]> {
     let first = (padded.len() - len) / 2 - radius;
     padded[first..].windows(len).take(2 * radius + 1).collect()
 }
 
-/// `out = taps[0] * centre + sum over k of taps[k] * (before_k + after_k)`: smoothing. Slices have
-/// a padded length.
+/// Smooths: `out = taps[0] * centre + sum over k of taps[k] * (before_k + after_k)`. Slices have a
+/// padded length.
 pub(super) fn smooth<T: SimdFloatElement>(
     level: Level,
     taps: &[T],
@@ -40,10 +40,10 @@ pub(super) fn smooth<T: SimdFloatElement>(
     dispatch!(level, simd => smooth_vectors(simd, taps, neighbors, out));
 }
 
-/// First and second derivative at once: `first = sum over k of first_taps[k] * (after_k -
-/// before_k)` and `second = sum over k of second_taps[k] * ((before_k + after_k) - 2 centre)`, both
-/// exactly zero where the neighbours are all equal. Slices have a padded length, both filters the
-/// same radius.
+/// Computes the first and second derivative:
+/// `first = sum over k of first_taps[k] * (after_k - before_k)` and
+/// `second = sum over k of second_taps[k] * ((before_k + after_k) - 2 centre)`, both exactly zero
+/// where the neighbours are all equal. Slices have a padded length, both filters the same radius.
 pub(super) fn derive<T: SimdFloatElement>(
     level: Level,
     [first_taps, second_taps]: [&[T]; 2],
@@ -118,12 +118,12 @@ fn derive_vectors<S: Simd, T: SimdFloatElement>(
     }
 }
 
-/// The last `2 radius + 1` rows of an image that is filtered across and waits to be filtered down,
-/// a few planes each.
+/// Ring buffer of the last `2 radius + 1` rows of an image that are filtered across and not yet
+/// down, with a few planes each.
 ///
-/// Rows are named by their number in the image, which may lie beyond it (what stands there is the
-/// caller's choice). A worked example, radius 1 (three slots): rows -1, 0, 1 fill slots 2, 0, 1;
-/// row 2 then replaces row -1.
+/// Rows are identified by their number in the image, which may lie outside of it (the caller
+/// chooses their content). For example, with radius 1 (three slots), rows -1, 0, 1 fill slots 2, 0,
+/// 1; row 2 then replaces row -1.
 pub(super) struct RowRing<T> {
     values: Vec<T>,
     slots: usize,
@@ -132,7 +132,7 @@ pub(super) struct RowRing<T> {
 }
 
 impl<T: Copy + Default> RowRing<T> {
-    /// An empty ring for rows of `planes` planes of `len` elements.
+    /// Creates a ring for rows of `planes` planes of `len` elements.
     pub(super) fn new(radius: usize, planes: usize, len: usize) -> Self {
         let slots = 2 * radius + 1;
         Self {
@@ -143,15 +143,15 @@ impl<T: Copy + Default> RowRing<T> {
         }
     }
 
-    /// The planes of row `y`, to be written; they replace those of row `y - (2 radius + 1)`.
+    /// Returns the planes of row `y` for writing; they replace those of row `y - (2 radius + 1)`.
     pub(super) fn row_mut(&mut self, y: isize) -> std::slice::ChunksExactMut<'_, T> {
         let row_len = self.planes * self.len;
         let first = self.slot(y) * row_len;
         self.values[first..first + row_len].chunks_exact_mut(self.len)
     }
 
-    /// The neighbours of row `y` down one plane: `2 radius + 1` rows, of this radius or a smaller
-    /// one.
+    /// Returns the neighbours of row `y` down one plane: `2 radius + 1` rows, of the ring's radius
+    /// or a smaller one.
     pub(super) fn down(&self, y: isize, radius: usize, plane: usize) -> Vec<&[T]> {
         let radius = radius as isize;
         (y - radius..=y + radius)

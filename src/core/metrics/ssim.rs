@@ -2,8 +2,8 @@
 //!
 //! Z. Wang, A. C. Bovik, H. R. Sheikh, E. P. Simoncelli, "Image Quality Assessment: From Error
 //! Visibility to Structural Similarity", 2004, as scikit-image computes it with
-//! `gaussian_weights=True, sigma=1.5, use_sample_covariance=False, data_range=255,
-//! channel_axis=-1`: windows of 11x11 pixels, the mean over red, green and blue on sRGB values.
+//! `gaussian_weights=True, sigma=1.5, use_sample_covariance=False, data_range=255, channel_axis=-1`:
+//! windows of 11x11 pixels, the mean over red, green and blue on sRGB values.
 
 use fearless_simd::Level;
 use image::RgbImage;
@@ -15,30 +15,31 @@ use crate::simd;
 
 /// Standard deviation of the window, pixels.
 const SIGMA: f64 = 1.5;
-/// Pixels from the centre of a window to its border: 3.5 standard deviations, rounded.
+/// Radius of a window, pixels: 3.5 standard deviations, rounded.
 const RADIUS: usize = 5;
-/// The constants C1 and C2 that keep the quotients stable, (K L)^2 with K = 0.01 and 0.03, L = 255.
+/// Constants C1 and C2 that stabilise the quotients, (K L)^2 with K = 0.01 and 0.03, L = 255.
 const STABLE_MEAN: f64 = 0.01 * 255.0 * 0.01 * 255.0;
 const STABLE_VARIANCE: f64 = 0.03 * 255.0 * 0.03 * 255.0;
-/// Rows that one task computes.
+/// Rows per task.
 const BAND_ROWS: usize = 64;
 /// Quantities averaged over windows: both values, the sum of their squares, and their product.
 const MOMENTS: usize = 4;
 
-/// Mean structural similarity of two images: 1 for equal ones, possibly negative for opposite ones.
+/// Computes the mean structural similarity of two images: 1 for equal ones, possibly negative for
+/// opposite ones.
 ///
-/// The mean is taken over the windows that lie inside the image. Where the image is smaller than a
-/// window in a direction there is none, and windows about every pixel are taken in that direction,
-/// over the image reflected at its borders (scikit-image refuses such images).
+/// The mean is taken over the windows that lie inside the image. If the image is smaller than a
+/// window in a direction, windows around every pixel are used in that direction, over the image
+/// reflected at its borders (scikit-image rejects such images).
 ///
 /// # Errors
-/// When the sizes differ or the images have no pixels.
+/// If the sizes differ or the images have no pixels.
 pub fn ssim(reference: &RgbImage, test: &RgbImage) -> Result<f64, MetricError> {
     check_sizes(reference, test)?;
     Ok(ssim_at(simd::level(), reference, test))
 }
 
-/// [`ssim`] of checked images at a given SIMD level.
+/// Same as [`ssim`] for checked images at a SIMD level.
 fn ssim_at(level: Level, reference: &RgbImage, test: &RgbImage) -> f64 {
     let columns = window_centers(reference.width() as usize);
     let rows = window_centers(reference.height() as usize);
@@ -63,13 +64,13 @@ fn ssim_at(level: Level, reference: &RgbImage, test: &RgbImage) -> f64 {
             .sum(band)
         })
         .collect();
-    // Summed in the order of the tasks: no thread count changes the mean.
+    // Summed in the order of the tasks: the mean does not depend on the number of threads.
     sums.iter().sum::<f64>() / (3 * columns.len() * rows.len()) as f64
 }
 
 type Range = std::ops::Range<usize>;
 
-/// Centres of the windows along an axis of the image.
+/// Returns the centres of the windows along an axis of the image.
 fn window_centers(len: usize) -> Range {
     if len > 2 * RADIUS {
         RADIUS..len - RADIUS
@@ -78,7 +79,7 @@ fn window_centers(len: usize) -> Range {
     }
 }
 
-/// Half of the taps of the window.
+/// Returns half of the taps of the window.
 fn taps() -> [f64; RADIUS + 1] {
     let taps = std::array::from_fn::<f64, { RADIUS + 1 }, _>(|k| {
         (-0.5 * (k as f64 / SIGMA).powi(2)).exp()
@@ -87,7 +88,7 @@ fn taps() -> [f64; RADIUS + 1] {
     taps.map(|tap| tap / total)
 }
 
-/// One color channel of both images.
+/// Color channel of both images.
 struct Channel<'a> {
     level: Level,
     taps: [f64; RADIUS + 1],
@@ -97,7 +98,7 @@ struct Channel<'a> {
 }
 
 impl Channel<'_> {
-    /// Sum of the structural similarity over a band of windows.
+    /// Sums the structural similarity over a band of windows.
     fn sum(&self, band: Range) -> f64 {
         let len = padded_len(self.columns.len());
         let radius = RADIUS as isize;
@@ -125,10 +126,10 @@ impl Channel<'_> {
     /// Fills row `y` of the ring with the moments of both images, averaged across.
     fn filter_across(&self, y: isize, padded: &mut [Vec<f64>; MOMENTS], ring: &mut RowRing<f64>) {
         let (width, height) = self.images[0].dimensions();
-        let first_byte = reflected(y, height as usize) * width as usize * 3 + self.channel;
+        let first_byte = reflect(y, height as usize) * width as usize * 3 + self.channel;
         let rows = self.images.map(|image| &image.as_raw()[first_byte..]);
         for i in 0..self.columns.len() + 2 * RADIUS {
-            let x = reflected(
+            let x = reflect(
                 (self.columns.start + i) as isize - RADIUS as isize,
                 width as usize,
             );
@@ -148,8 +149,8 @@ impl Channel<'_> {
     }
 }
 
-/// The structural similarity of a window, from its means: of both values, of the sum of squares, of
-/// the product.
+/// Computes the structural similarity of a window from the means of both values, of the sum of
+/// their squares, and of their product.
 fn similarity(a: f64, b: f64, squares: f64, products: f64) -> f64 {
     let (mean_product, mean_squares) = (a * b, a * a + b * b);
     let covariance = products - mean_product;
@@ -158,9 +159,9 @@ fn similarity(a: f64, b: f64, squares: f64, products: f64) -> f64 {
         / ((mean_squares + STABLE_MEAN) * (variances + STABLE_VARIANCE))
 }
 
-/// The index that stands for `i` when 0..len is reflected at its borders, which belong to the
-/// image: 1 0 | 0 1 2 | 2 1.
-fn reflected(i: isize, len: usize) -> usize {
+/// Returns the index of `i` after reflection at the borders of 0..len, which repeats the border
+/// elements: 1 0 | 0 1 2 | 2 1.
+fn reflect(i: isize, len: usize) -> usize {
     let period = 2 * len;
     let i = i.rem_euclid(period as isize) as usize;
     i.min(period - 1 - i)
@@ -189,9 +190,9 @@ mod tests {
     #[test]
     fn borders_belong_to_the_reflected_image() {
         assert_eq!(
-            [-4, -3, -2, -1, 0, 1, 2, 3, 4].map(|i| reflected(i, 3)),
+            [-4, -3, -2, -1, 0, 1, 2, 3, 4].map(|i| reflect(i, 3)),
             [2, 2, 1, 0, 0, 1, 2, 2, 1]
         );
-        assert!([-5, 0, 7].into_iter().all(|i| reflected(i, 1) == 0));
+        assert!([-5, 0, 7].into_iter().all(|i| reflect(i, 1) == 0));
     }
 }

@@ -1,4 +1,4 @@
-//! The interface between representations and whatever shows them.
+//! Interface between representations and their consumers.
 //!
 //! Each representation (cube LDI, sprites, lumigraph, house, view-dependent geometry) implements
 //! [`View`] once, in its own crate. `headbox render`, the window, the report and the exports use it
@@ -23,7 +23,7 @@ use crate::headbox::Headbox;
 use crate::light_parameters::LightParameters;
 use std::any::Any;
 
-/// A scene in one image-based representation, opened and ready to be looked at.
+/// Scene in an image-based representation, ready to be rendered.
 pub trait View: Any + Send {
     /// Name of the representation, for titles and messages: "cube LDI".
     fn kind(&self) -> &'static str;
@@ -31,12 +31,12 @@ pub trait View: Any + Send {
     /// First view of the eye, for frames of `size_px` (width, height).
     fn start(&self, size_px: [u32; 2]) -> StartView;
 
-    /// Size of a frame if nothing else is asked for: width and height in pixels.
+    /// Default size of a frame: width and height in pixels.
     fn default_size_px(&self) -> [u32; 2] {
         [1024, 768]
     }
 
-    /// The box from which the view is meant to be seen; `None` if nothing bounds the eye.
+    /// Headbox from which the view is meant to be seen; `None` if nothing bounds the eye.
     fn headbox(&self) -> Option<Headbox> {
         None
     }
@@ -46,8 +46,8 @@ pub trait View: Any + Send {
         Navigation::Fly
     }
 
-    /// Speed of the eye with a key held, metres per second. By default the half size of the headbox
-    /// in one second, or a stroll.
+    /// Speed of the eye while a key is pressed, metres per second. By default half the size of the
+    /// headbox per second, or walking speed.
     fn speed_m_per_s(&self) -> f64 {
         self.headbox()
             .map_or(1.4, |headbox| headbox.half_size_m.max(1e-3))
@@ -58,46 +58,46 @@ pub trait View: Any + Send {
         FileFrame::default()
     }
 
-    /// A floor plan, for views that have rooms.
+    /// Floor plan, for views with rooms.
     fn plan(&self) -> Option<RoomMap> {
         None
     }
 
-    /// The scene that the view was made of, where the file names it.
+    /// Source scene of the view, if the file names it.
     fn origin(&self) -> Option<Origin> {
         None
     }
 
-    /// Primitives that the view consists of: how many, and what they are ("depth pixels").
+    /// Number of primitives of the view, and their name ("depth pixels").
     fn primitives(&self) -> (u64, &'static str);
 
     /// Bytes of memory that rendering needs.
     fn bytes(&self) -> u64;
 
-    /// The settings, in the order of the window's panel. The same table gives the flags of
+    /// Settings, in the order of the window's panel. The same table gives the flags of
     /// `headbox render` and the controls of the window. By convention the choice with the flag
-    /// "variant" says how primitives become pixels, and the one named [`OVERLAY`] what is painted
+    /// "variant" selects the rendering method, and the one named [`OVERLAY`] what is painted
     /// instead of colours.
     fn settings(&self) -> Vec<Setting>;
 
-    /// Renders what the request's camera sees.
+    /// Renders a frame for the request's camera.
     ///
     /// # Errors
-    /// One sentence: a setting that the view does not have, or a capture that failed.
+    /// A message: a setting that the view does not have, or a capture that failed.
     fn render(&mut self, request: &FrameRequest) -> Result<Rendered<'_>, String>;
 
-    /// Statistics of the last frame, for machines; costly ones are computed here.
+    /// Computes the machine-readable statistics of the last frame.
     fn statistics(&mut self, _request: &FrameRequest) -> Statistics {
         Statistics::Null
     }
 
-    /// Linear radiance of each stored 8-bit level, where the file tells it.
+    /// Linear radiance of each stored 8-bit level, if the file specifies it.
     fn radiance_of_levels(&self) -> Option<[f32; 256]> {
         None
     }
 }
 
-/// The scene that a view was made of.
+/// Source scene of a view.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Origin {
     /// Name of the scene: a file, or `builtin:NAME`.
@@ -106,11 +106,11 @@ pub struct Origin {
     pub frame: FileFrame,
     /// Light that was specified for it.
     pub light: LightParameters,
-    /// The headbox of the view.
+    /// Headbox of the view.
     pub headbox: Headbox,
     /// True if it was lit; false if it shows albedo and emission.
     pub lit: bool,
 }
 
-/// Id of the choice of what a frame shows instead of its colours.
+/// Id of the choice of an overlay that replaces a frame's colours.
 pub const OVERLAY: &str = "overlay";

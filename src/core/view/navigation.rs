@@ -17,7 +17,7 @@ pub struct StartView {
 }
 
 impl StartView {
-    /// The view of a camera without its roll.
+    /// Takes the view of a camera without its roll.
     pub fn of_camera(camera: &Camera) -> Self {
         Self {
             eye: camera.eye(),
@@ -27,7 +27,7 @@ impl StartView {
         }
     }
 
-    /// The camera of this view for a frame of `size_px` (width, height).
+    /// Creates the camera of this view for a frame of `size_px` (width, height).
     ///
     /// # Errors
     /// [`CameraError`] if the frame cannot be rendered.
@@ -38,9 +38,9 @@ impl StartView {
 }
 
 /// Returns the up direction for images taken with `pictures_up` upward: +Y, unless that would show
-/// them on their side.
+/// them sideways.
 pub fn level_up(pictures_up: Option<DVec3>) -> DVec3 {
-    /// Cosine of 45 degrees: cameras may look down, or up, and +Y is still up.
+    /// Cosine of 45 degrees: +Y is still up for cameras that look down or up by less.
     const LEVEL: f64 = std::f64::consts::FRAC_1_SQRT_2;
     pictures_up.filter(|up| up.y < LEVEL).unwrap_or(DVec3::Y)
 }
@@ -48,31 +48,30 @@ pub fn level_up(pictures_up: Option<DVec3>) -> DVec3 {
 /// Navigation mode.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Navigation {
-    /// Forward is where one looks.
+    /// Forward is the viewing direction.
     #[default]
     Fly,
     /// Forward stays level.
     Walk,
     /// The eye circles a point and looks at it (sprites).
     Orbit {
-        /// The point, world metres.
+        /// Point, world metres.
         pivot: DVec3,
-        /// The nearest that the eye comes to it, metres.
+        /// Smallest distance from the point, metres.
         nearest: f64,
     },
 }
 
-/// A plan of rooms seen from above, in world metres: (x, z) pairs, as x grows to the right and z
-/// downward on the page.
+/// Floor plan of rooms, in world metres: (x, z) pairs; x points right and z down on the page.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RoomMap {
-    /// The rooms.
+    /// Rooms.
     pub rooms: Vec<Room>,
     /// Doors and other openings, as line segments.
     pub openings: Vec<[[f64; 2]; 2]>,
 }
 
-/// One room of a [`RoomMap`].
+/// Room of a [`RoomMap`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Room {
     /// Name.
@@ -82,16 +81,16 @@ pub struct Room {
 }
 
 impl RoomMap {
-    /// The first room whose outline holds the eye, by the even-odd rule.
+    /// Returns the first room whose outline contains the eye, by the even-odd rule.
     pub fn room_at(&self, eye: DVec3) -> Option<usize> {
         self.rooms
             .iter()
-            .position(|room| room.holds([eye.x, eye.z]))
+            .position(|room| room.contains([eye.x, eye.z]))
     }
 }
 
 impl Room {
-    fn holds(&self, [x, z]: [f64; 2]) -> bool {
+    fn contains(&self, [x, z]: [f64; 2]) -> bool {
         let next = self.outline.iter().cycle().skip(1);
         let crossings = self
             .outline

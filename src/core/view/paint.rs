@@ -1,10 +1,10 @@
-//! Colours and legends that overlays of several representations share.
+//! Colours and legends of overlays, shared by several representations.
 
 use super::{Figure, Swatch};
 use crate::frame::Frame;
 
 /// Colours of seven classes: the "viridis" map by van der Walt and Smith (2015), whose lightness
-/// grows evenly, and white.
+/// increases evenly, and white.
 const CLASSES: [[u8; 3]; 7] = [
     [68, 1, 84],
     [65, 68, 135],
@@ -18,10 +18,10 @@ const CLASSES: [[u8; 3]; 7] = [
 /// Colour of pixels without samples.
 pub const NOTHING: [u8; 3] = [20, 20, 20];
 
-/// The largest number of each class but the last.
+/// Largest value of each class but the last.
 pub type Tops = [f32; CLASSES.len() - 1];
 
-/// The colour of the class of a number that is more than 0.
+/// Returns the colour of the class of a positive number.
 pub fn class_color(value: f32, tops: &Tops) -> [u8; 3] {
     CLASSES[tops
         .iter()
@@ -29,11 +29,11 @@ pub fn class_color(value: f32, tops: &Tops) -> [u8; 3] {
         .unwrap_or(tops.len())]
 }
 
-/// The legend of classes: what each ends at, in `unit`.
+/// Returns the legend of classes with their limits in `unit`.
 pub fn class_legend(nothing: &str, tops: &Tops, unit: &str) -> Vec<Swatch> {
     let up_to = tops.iter().map(|top| format!("up to {top} {unit}"));
     let labels = up_to.chain(tops.last().map(|top| format!("more than {top} {unit}")));
-    // Of classes that end alike, all but the first are empty.
+    // Of classes with equal limits, all but the first are empty.
     let is_empty = |i: usize| i > 0 && tops.get(i) == tops.get(i - 1);
     let classes = CLASSES
         .into_iter()
@@ -46,7 +46,7 @@ pub fn class_legend(nothing: &str, tops: &Tops, unit: &str) -> Vec<Swatch> {
         .collect()
 }
 
-/// A line of a legend.
+/// Creates a line of a legend.
 pub fn swatch(color: [u8; 3], label: &str) -> Swatch {
     Swatch {
         color,
@@ -54,26 +54,26 @@ pub fn swatch(color: [u8; 3], label: &str) -> Swatch {
     }
 }
 
-/// A colour with alpha 255.
+/// Adds alpha 255 to a colour.
 pub fn opaque([r, g, b]: [u8; 3]) -> [u8; 4] {
     [r, g, b, 255]
 }
 
-/// A tint under which shapes stay visible.
+/// Tints a colour so that shapes stay visible.
 pub fn tinted(tint: [u8; 3], [r, g, b]: [u8; 3]) -> [u8; 3] {
     let light = (u16::from(r) + 2 * u16::from(g) + u16::from(b)) / 4;
     tint.map(|c| (u16::from(c) * (80 + light / 2) / 255) as u8)
 }
 
-/// A figure of a report.
+/// Creates a figure of a report.
 pub fn figure(name: &'static str, value: f64, unit: &'static str) -> Figure {
     Figure { name, value, unit }
 }
 
-/// sRGB of holes: a magenta that no scene has.
+/// sRGB of holes: a magenta that hardly occurs in scenes.
 pub const HOLE_RGB: [u8; 3] = [255, 0, 220];
 
-/// sRGB of the environment alone.
+/// sRGB of pixels that only show the environment.
 pub const ENVIRONMENT_RGB: [u8; 3] = [40, 70, 130];
 
 /// Paints a frame with its holes in magenta, the rest dimmed so that single pixels stand out.
@@ -106,7 +106,7 @@ pub const DISTINCT: [[u8; 3]; 8] = [
     [230, 230, 230],
 ];
 
-/// A colour for a number: one of seven, in four shades.
+/// Returns a colour for a number: one of seven, in four shades.
 pub fn distinct_color(number: u32) -> [u8; 3] {
     let shade = 255 - 45 * (number / 7 % 4);
     DISTINCT[number as usize % 7].map(|c| (u32::from(c) * shade / 255) as u8)

@@ -1,4 +1,4 @@
-//! A frame asked for, and what is reported about it.
+//! Request of a frame, and the report about it.
 
 use super::SettingValues;
 use crate::camera::Camera;
@@ -6,24 +6,24 @@ use crate::frame::Frame;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// One frame to render.
+/// Frame to render.
 #[derive(Clone, Debug)]
 pub struct FrameRequest {
-    /// The camera; its width and height are those of the frame.
+    /// Camera; its width and height are those of the frame.
     pub camera: Camera,
-    /// The values of the view's settings.
+    /// Values of the view's settings.
     pub settings: Arc<SettingValues>,
-    /// True if the eye is in motion: a view may skip work that is visible only at rest.
+    /// True if the eye is in motion: a view may skip work that is only visible at rest.
     pub moving: bool,
-    /// True if the frame must be complete: what a view would load or build in the background is
-    /// waited for. The wait does not count as frame time.
+    /// True if the frame must be complete: the view waits for work that it would otherwise do in
+    /// the background. The wait does not count as frame time.
     pub complete: bool,
     /// True if the frame must have the eye depth of each pixel, in views that support it.
     pub depth: bool,
 }
 
 impl FrameRequest {
-    /// A complete frame at rest, without depth.
+    /// Requests a complete frame at rest, without depth.
     pub fn complete(camera: Camera, settings: Arc<SettingValues>) -> Self {
         Self {
             camera,
@@ -35,11 +35,11 @@ impl FrameRequest {
     }
 }
 
-/// A rendered frame, held by the view until the next one.
+/// Rendered frame, owned by the view until the next one.
 #[derive(Debug)]
 pub struct Rendered<'a> {
-    /// Colours, coverage, and eye depth if it was asked for and the view supports it. Alpha is 255
-    /// where something was seen.
+    /// Colours, coverage, and eye depth if requested and supported. Alpha is 255 where something
+    /// was seen.
     pub frame: &'a Frame,
     /// Times, figures and warnings.
     pub report: FrameReport,
@@ -48,43 +48,43 @@ pub struct Rendered<'a> {
 /// Report on a rendered frame.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FrameReport {
-    /// Time by stage, in the order of the work; drawn as the rolling chart.
+    /// Times of the stages, in order; drawn as the rolling chart.
     pub stages: Vec<Stage>,
-    /// Wall time of the frame in milliseconds, without waiting for what was loaded or built.
+    /// Wall time of the frame in milliseconds, without waiting for background work.
     pub ms: f64,
-    /// Pixels of which nothing is known.
+    /// Number of hole pixels.
     pub hole_pixels: u64,
     /// Further figures.
     pub figures: Vec<Figure>,
     /// Facts in words, such as the name of the room.
     pub facts: Vec<Fact>,
-    /// Sentences about what the frame lacks, such as an image that could not be read.
+    /// Warnings about the frame, a sentence each, such as an image that could not be read.
     pub warnings: Vec<String>,
-    /// Legend of the colours, if they are not those of the scene: shown in a corner of the frame.
+    /// Legend of an overlay's colours: shown in a corner of the frame.
     pub legend: Vec<Swatch>,
-    /// Tells if the same request would give a better frame: the window repeats it while there is no
-    /// newer one.
+    /// State of refinement: the window repeats a request that would give a better frame while there
+    /// is no newer one.
     pub refinement: Refinement,
-    /// Work in the background that will make it better: shown as a strip over the frame.
+    /// Background work that will improve it: shown as a strip over the frame.
     pub ongoing: Option<Ongoing>,
 }
 
-/// Work that is not done yet.
+/// Background work in progress.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Ongoing {
-    /// Description of the work, a few words.
+    /// Description of the work in a few words.
     pub what: String,
-    /// Share that is done, 0 to 1.
+    /// Completed share, 0 to 1.
     pub share: f64,
     /// Estimated remaining time, if known.
     pub left: Option<Duration>,
 }
 
 impl Ongoing {
-    /// Work of which `share` was done since `begun`, at an even pace; no time is told before there
-    /// is one to go by.
+    /// Describes work of which `share` was completed since `begun`, and estimates the remaining
+    /// time at the same pace, once the share is large enough.
     pub fn since(what: impl Into<String>, share: f64, begun: Instant) -> Self {
-        /// Shares below this say nothing about the pace.
+        /// Smallest share from which the pace can be estimated.
         const LEAST: f64 = 0.02;
         let share = if share.is_finite() {
             share.clamp(0.0, 1.0)
@@ -103,13 +103,13 @@ impl Ongoing {
 /// Potential for improvement of a frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Refinement {
-    /// It is as good as it gets.
+    /// The frame is final.
     #[default]
     Done,
-    /// The next call makes it better; an export calls until it is done.
+    /// The next call improves it; an export calls until it is done.
     Next,
-    /// Something works on it in the background (a capture, an error map): worth another look after
-    /// this long. An export does not wait for it.
+    /// Background work (a capture, an error map) improves it: render again after this time. An
+    /// export does not wait for it.
     Later(Duration),
 }
 
@@ -122,7 +122,7 @@ pub struct Stage {
     pub ms: f64,
 }
 
-/// One figure about a frame.
+/// Figure about a frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Figure {
     /// Name, the same in every frame.
@@ -133,7 +133,7 @@ pub struct Figure {
     pub unit: &'static str,
 }
 
-/// One thing known about a frame, in words.
+/// Fact about a frame, as text.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Fact {
     /// Name, the same in every frame.
@@ -142,7 +142,7 @@ pub struct Fact {
     pub text: String,
 }
 
-/// One line of a legend.
+/// Line of a legend.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Swatch {
     /// sRGB.

@@ -1,16 +1,16 @@
-//! Settings of a view as data: the window draws controls and the command line makes flags from
-//! them, and neither knows what they mean.
+//! Settings of a view as data: the window makes controls and the command line makes flags of them,
+//! without knowing their meaning.
 
 use std::{collections::BTreeMap, ops::RangeInclusive};
 
-/// One setting of a view: a control in the window, and a flag of `headbox render` if it names one.
+/// Setting of a view: a control in the window, and a flag of `headbox render` if it names one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Setting {
     /// Name in code; unique within a view.
     pub id: &'static str,
-    /// Heading under which it is shown.
+    /// Heading above the control.
     pub group: String,
-    /// True if the heading is folded at first (the first setting under it decides).
+    /// True if the heading is initially folded (the first setting under it decides).
     pub folded: bool,
     /// Text beside the control.
     pub label: String,
@@ -18,13 +18,13 @@ pub struct Setting {
     pub tooltip: String,
     /// Kind, range and initial value.
     pub control: Control,
-    /// Long flag on the command line, without dashes; `None` if the setting is for the window alone.
+    /// Long flag on the command line, without dashes; `None` if only the window has the setting.
     pub flag: Option<&'static str>,
-    /// Further names of options, each with the option that it means.
+    /// Aliases of options, each with its option.
     pub aliases: &'static [(&'static str, &'static str)],
 }
 
-/// The kinds of control.
+/// Kind of a control.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Control {
     /// On or off.
@@ -32,11 +32,11 @@ pub enum Control {
         /// Initial state.
         on: bool,
     },
-    /// One of several.
+    /// One of several options.
     Choice {
-        /// The names, at least one.
+        /// Names of the options, at least one.
         options: Vec<String>,
-        /// Index of the initial one.
+        /// Index of the initial option.
         selected: usize,
     },
     /// A number.
@@ -57,7 +57,7 @@ pub enum Control {
 }
 
 impl Setting {
-    /// A control of any kind, under the heading "View".
+    /// Creates a control of any kind, under the heading "View".
     pub fn new(id: &'static str, label: &str, tooltip: &str, control: Control) -> Self {
         Self {
             id,
@@ -71,17 +71,17 @@ impl Setting {
         }
     }
 
-    /// A check box.
+    /// Creates a check box.
     pub fn toggle(id: &'static str, label: &str, tooltip: &str, on: bool) -> Self {
         Self::new(id, label, tooltip, Control::Toggle { on })
     }
 
-    /// One of several; the first option is the initial one.
+    /// Creates a choice; the first option is the initial one.
     pub fn choice(id: &'static str, label: &str, tooltip: &str, options: &[&str]) -> Self {
         Self::choice_at(id, label, tooltip, options, 0)
     }
 
-    /// One of several; `options[selected]` is the initial one.
+    /// Creates a choice; `options[selected]` is the initial option.
     pub fn choice_at(
         id: &'static str,
         label: &str,
@@ -93,7 +93,7 @@ impl Setting {
         Self::new(id, label, tooltip, Control::Choice { options, selected })
     }
 
-    /// A slider over a continuous range.
+    /// Creates a slider over a continuous range.
     pub fn number(
         id: &'static str,
         label: &str,
@@ -102,21 +102,17 @@ impl Setting {
         range: RangeInclusive<f64>,
         unit: &'static str,
     ) -> Self {
-        Self::new(
-            id,
-            label,
-            tooltip,
-            Control::Number {
-                value,
-                range,
-                step: 0.0,
-                unit,
-                logarithmic: false,
-            },
-        )
+        let control = Control::Number {
+            value,
+            range,
+            step: 0.0,
+            unit,
+            logarithmic: false,
+        };
+        Self::new(id, label, tooltip, control)
     }
 
-    /// A slider over whole numbers.
+    /// Creates a slider over whole numbers.
     pub fn count(
         id: &'static str,
         label: &str,
@@ -135,12 +131,12 @@ impl Setting {
         Self::new(id, label, tooltip, control)
     }
 
-    /// A button; `id` is what the window's source is given when it is pressed.
+    /// Creates a button; `id` is passed to the window's source when it is pressed.
     pub fn action(id: &'static str, label: &str, tooltip: &str) -> Self {
         Self::new(id, label, tooltip, Control::Action)
     }
 
-    /// The same setting with a flag on the command line, without dashes.
+    /// Adds a flag on the command line, without dashes.
     #[must_use]
     pub fn with_flag(self, flag: &'static str) -> Self {
         Self {
@@ -149,20 +145,20 @@ impl Setting {
         }
     }
 
-    /// The same choice with further names of its options.
+    /// Adds aliases of the options of a choice.
     #[must_use]
     pub fn with_aliases(self, aliases: &'static [(&'static str, &'static str)]) -> Self {
         Self { aliases, ..self }
     }
 
-    /// The same control under another heading.
+    /// Moves the control under another heading.
     #[must_use]
     pub fn under(mut self, group: &str) -> Self {
         self.group = group.into();
         self
     }
 
-    /// The same control under another heading that is folded at first.
+    /// Moves the control under another heading that is initially folded.
     #[must_use]
     pub fn folded_under(self, group: &str) -> Self {
         Self {
@@ -172,7 +168,7 @@ impl Setting {
     }
 }
 
-/// The value of one setting.
+/// Value of a setting.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum SettingValue {
     /// State of a toggle.
@@ -183,11 +179,11 @@ pub enum SettingValue {
     Number(f64),
 }
 
-/// The values of all settings of a view, by id.
+/// Values of all settings of a view, by id.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SettingValues(BTreeMap<&'static str, SettingValue>);
 
-/// Why a value could not be read or set.
+/// Error of reading or setting a value.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum SettingError {
     /// There is no setting of this id and kind.
@@ -195,7 +191,7 @@ pub enum SettingError {
     Unknown {
         /// The id asked for.
         id: String,
-        /// The kind asked for.
+        /// Requested kind.
         kind: &'static str,
     },
     /// There is no setting of this id.
@@ -203,19 +199,26 @@ pub enum SettingError {
     NoSuch {
         /// The id asked for.
         id: String,
-        /// The ids that there are.
+        /// Existing ids.
         known: String,
     },
-    /// The text is no value of the setting.
+    /// The text is not a value of the setting.
     #[error("\"{text}\" is not a value of the setting \"{id}\"; expected {expected}")]
     Value {
-        /// The setting.
+        /// Id of the setting.
         id: String,
-        /// The text given.
+        /// Specified text.
         text: String,
         /// Valid values.
         expected: String,
     },
+}
+
+impl SettingError {
+    fn unknown(id: &str, kind: &'static str) -> Self {
+        let id = id.into();
+        Self::Unknown { id, kind }
+    }
 }
 
 impl From<SettingError> for String {
@@ -225,7 +228,7 @@ impl From<SettingError> for String {
 }
 
 impl SettingValues {
-    /// The initial values of `settings`.
+    /// Returns the initial values of `settings`.
     pub fn initial(settings: &[Setting]) -> Self {
         let values = settings.iter().filter_map(|setting| {
             let value = match &setting.control {
@@ -239,49 +242,40 @@ impl SettingValues {
         Self(values.collect())
     }
 
-    /// The state of a toggle.
+    /// Returns the state of a toggle.
     ///
     /// # Errors
     /// [`SettingError::Unknown`] if the source declared no such toggle.
     pub fn toggle(&self, id: &str) -> Result<bool, SettingError> {
         match self.0.get(id) {
             Some(SettingValue::Toggle(on)) => Ok(*on),
-            _ => Err(SettingError::Unknown {
-                id: id.into(),
-                kind: "toggle",
-            }),
+            _ => Err(SettingError::unknown(id, "toggle")),
         }
     }
 
-    /// The index of the option chosen.
+    /// Returns the index of the selected option.
     ///
     /// # Errors
     /// [`SettingError::Unknown`] if the source declared no such choice.
     pub fn choice(&self, id: &str) -> Result<usize, SettingError> {
         match self.0.get(id) {
             Some(SettingValue::Choice(index)) => Ok(*index),
-            _ => Err(SettingError::Unknown {
-                id: id.into(),
-                kind: "choice",
-            }),
+            _ => Err(SettingError::unknown(id, "choice")),
         }
     }
 
-    /// The value of a number.
+    /// Returns the value of a number.
     ///
     /// # Errors
     /// [`SettingError::Unknown`] if the source declared no such number.
     pub fn number(&self, id: &str) -> Result<f64, SettingError> {
         match self.0.get(id) {
             Some(SettingValue::Number(value)) => Ok(*value),
-            _ => Err(SettingError::Unknown {
-                id: id.into(),
-                kind: "number",
-            }),
+            _ => Err(SettingError::unknown(id, "number")),
         }
     }
 
-    /// The value of a setting as [`Self::set_text`] takes it; `None` for buttons.
+    /// Returns the value of a setting in the format of [`Self::set_text`]; `None` for buttons.
     pub fn text(&self, setting: &Setting) -> Option<String> {
         Some(match (self.0.get(setting.id)?, &setting.control) {
             (SettingValue::Choice(index), Control::Choice { options, .. }) => {
@@ -293,7 +287,7 @@ impl SettingValues {
         })
     }
 
-    /// The value of `id` for a control to change in place.
+    /// Returns the value of `id` for a control to modify.
     pub fn get_mut(&mut self, id: &str) -> Option<&mut SettingValue> {
         self.0.get_mut(id)
     }
@@ -302,23 +296,19 @@ impl SettingValues {
     /// number.
     ///
     /// # Errors
-    /// [`SettingError`] if `settings` has no such control or the text is none of its values.
+    /// [`SettingError`] if `settings` has no such control or the text is not one of its values.
     pub fn set_text(
         &mut self,
         settings: &[Setting],
         id: &str,
         text: &str,
     ) -> Result<(), SettingError> {
-        let ids = || {
-            settings
-                .iter()
-                .map(|setting| setting.id)
-                .collect::<Vec<_>>()
-                .join(", ")
-        };
-        let unknown = || SettingError::NoSuch {
-            id: id.into(),
-            known: ids(),
+        let unknown = || {
+            let ids: Vec<&str> = settings.iter().map(|setting| setting.id).collect();
+            SettingError::NoSuch {
+                id: id.into(),
+                known: ids.join(", "),
+            }
         };
         let setting = settings.iter().find(|s| s.id == id).ok_or_else(unknown)?;
         let wrong = |expected: String| SettingError::Value {
@@ -345,14 +335,9 @@ impl SettingValues {
                     .parse()
                     .ok()
                     .filter(|value: &f64| range.contains(value));
-                let expected = || {
-                    wrong(format!(
-                        "a number from {} to {}",
-                        range.start(),
-                        range.end()
-                    ))
-                };
-                SettingValue::Number(value.ok_or_else(expected)?)
+                let (low, high) = (range.start(), range.end());
+                let expected = || format!("a number from {low} to {high}");
+                SettingValue::Number(value.ok_or_else(|| wrong(expected()))?)
             }
             Control::Action => return Err(unknown()),
         };

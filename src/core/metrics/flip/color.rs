@@ -1,9 +1,9 @@
-//! Color in FLIP, and the error of a row.
+//! Color space and color difference of FLIP, and the errors of a row.
 //!
-//! The paper blurs in YCxCz, which is linear in XYZ over the white point but for the scales 116,
-//! 500 and 200 and an offset. Since the filters are linear and sum to 1, scales and offset are left
-//! out here: *opponent color* is luminance Y, red-green X - Y and blue-yellow Y - Z, with X, Y, Z
-//! relative to white.
+//! The paper blurs in YCxCz, which is linear in XYZ over the white point except for the scales 116,
+//! 500 and 200 and an offset. Since the filters are linear and sum to 1, scales and offset are
+//! omitted here: *opponent color* is luminance Y, red-green X - Y and blue-yellow Y - Z, with X, Y,
+//! Z relative to white.
 
 use fearless_simd::{Level, dispatch, prelude::*};
 use glam::{DMat3, DVec3};
@@ -47,10 +47,10 @@ pub(super) struct FilteredRow {
     pub(super) curvature: [Vec<f32>; 2],
 }
 
-/// Three values of each of a vector of pixels.
+/// Three values for each pixel of a vector.
 type Triple<V> = [V; 3];
 
-/// The conversions between sRGB, linear RGB, opponent color and XYZ relative to white; rows of
+/// Conversions between sRGB, linear RGB, opponent color and XYZ relative to white; rows of
 /// matrices.
 ///
 /// Vector code below has no closures and no `array::map`: those are compiled for the baseline
@@ -61,7 +61,7 @@ pub(super) struct ColorSpace {
     opponent_from_rgb: [[f32; 3]; 3],
     rgb_from_opponent: [[f32; 3]; 3],
     relative_xyz_from_rgb: [[f32; 3]; 3],
-    /// The largest color difference of any two sRGB colors: that of green and blue.
+    /// Largest color difference of any two sRGB colors: that of green and blue.
     largest_difference: f32,
 }
 
@@ -82,12 +82,11 @@ impl ColorSpace {
             relative_xyz_from_rgb: rows(relative_xyz_from_rgb),
             largest_difference: 0.0,
         };
-        space.largest_difference =
-            dispatch!(level, simd => space.difference_of_green_and_blue(simd));
+        space.largest_difference = dispatch!(level, simd => space.green_blue_difference(simd));
         space
     }
 
-    /// Turns rows of linear red, green and blue (whole vectors) into opponent color, in place.
+    /// Converts rows of linear red, green and blue (whole vectors) to opponent color, in place.
     #[inline(always)]
     pub(super) fn rows_to_opponent<S: Simd>(
         &self,
@@ -107,8 +106,9 @@ impl ColorSpace {
         }
     }
 
-    /// CIELAB with the Hunt effect (chroma counts less in the dark), of blurred opponent color;
-    /// colors that the blur has driven outside of the display's cube are clamped to it first.
+    /// Converts blurred opponent color to CIELAB with the Hunt effect (chroma counts less in the
+    /// dark); colors that the blur has moved outside of the display's gamut are clamped to it
+    /// first.
     #[inline(always)]
     fn hunt_lab<S: Simd>(&self, simd: S, opponent: Triple<S::f32s>) -> Triple<S::f32s> {
         let [r, g, b] = transform::<S>(&self.rgb_from_opponent, opponent);
@@ -124,7 +124,8 @@ impl ColorSpace {
         [lightness, (x - y) * 500.0 * hunt, (y - z) * 200.0 * hunt]
     }
 
-    /// The color difference: HyAB (city block in lightness, Euclidean in chroma), compressed.
+    /// Computes the compressed color difference: HyAB (city block in lightness, Euclidean in
+    /// chroma).
     #[inline(always)]
     fn difference<S: Simd>(&self, simd: S, a: Triple<S::f32s>, b: Triple<S::f32s>) -> S::f32s {
         let (a, b) = (self.hunt_lab(simd, a), self.hunt_lab(simd, b));
@@ -132,7 +133,7 @@ impl ColorSpace {
         pow(simd, hyab, S::f32s::splat(simd, COLOR_EXPONENT))
     }
 
-    /// [`ColorSpace::difference`] mapped to 0..=1: what is below the knee gets most of the range.
+    /// Maps [`ColorSpace::difference`] to 0..=1; differences below the knee get most of the range.
     #[inline(always)]
     fn color_error<S: Simd>(&self, simd: S, a: Triple<S::f32s>, b: Triple<S::f32s>) -> S::f32s {
         let difference = self.difference(simd, a, b);
@@ -143,7 +144,7 @@ impl ColorSpace {
     }
 
     #[inline(always)]
-    fn difference_of_green_and_blue<S: Simd>(&self, simd: S) -> f32 {
+    fn green_blue_difference<S: Simd>(&self, simd: S) -> f32 {
         let [y, x, z] = &self.opponent_from_rgb;
         let green = [
             S::f32s::splat(simd, y[1]),
@@ -159,7 +160,7 @@ impl ColorSpace {
     }
 }
 
-/// The FLIP errors of a row, 0..=1.
+/// Computes the FLIP errors of a row, 0..=1.
 #[inline(always)]
 pub(super) fn row_errors<S: Simd>(
     simd: S,
@@ -188,10 +189,10 @@ pub(super) fn row_errors<S: Simd>(
     }
 }
 
-/// The blurred color of the pixels from `first` on.
+/// Loads the blurred color of the pixels from `first` on.
 #[inline(always)]
-fn opponent<S: Simd>(simd: S, seen: &FilteredRow, first: usize) -> Triple<S::f32s> {
-    let [luminance, red_green, blue_yellow] = &seen.opponent;
+fn opponent<S: Simd>(simd: S, row: &FilteredRow, first: usize) -> Triple<S::f32s> {
+    let [luminance, red_green, blue_yellow] = &row.opponent;
     [
         load(simd, luminance, first),
         load(simd, red_green, first),
@@ -199,7 +200,7 @@ fn opponent<S: Simd>(simd: S, seen: &FilteredRow, first: usize) -> Triple<S::f32
     ]
 }
 
-/// The length of a gradient.
+/// Computes the length of a gradient.
 #[inline(always)]
 fn magnitude<S: Simd>(simd: S, [across, down]: &[Vec<f32>; 2], first: usize) -> S::f32s {
     length::<S>(load(simd, across, first), load(simd, down, first))
@@ -216,7 +217,7 @@ fn unit_clamp<S: Simd>(simd: S, x: S::f32s) -> S::f32s {
         .min(S::f32s::splat(simd, 1.0))
 }
 
-/// The compressive function of CIELAB: a cube root, and its tangent below (6/29)^3.
+/// Compressive function of CIELAB: a cube root, and its tangent below (6/29)^3.
 #[inline(always)]
 fn lab_curve<S: Simd>(x: S::f32s) -> S::f32s {
     const DELTA: f32 = 6.0 / 29.0;

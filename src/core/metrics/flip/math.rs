@@ -1,9 +1,9 @@
 //! Roots and powers on vectors of `f32`.
 //!
-//! The library functions are scalar and differ between platforms; these take IEEE operations only,
+//! The library functions are scalar and differ between platforms; these only use IEEE operations,
 //! so that every SIMD level and every platform gives the same bits. Their relative error is below
-//! 2.4e-7 for the root and, for bases between 2^-20 and 2^20, below 1e-6 for the power; the test
-//! holds the bounds.
+//! 2.4e-7 for the root and, for bases between 2^-20 and 2^20, below 1e-6 for the power; a test
+//! checks these bounds.
 
 use std::f32::consts::LN_2;
 
@@ -21,7 +21,7 @@ pub(super) fn cbrt<S: Simd>(x: S::f32s) -> S::f32s {
     halley(x, halley(x, guess))
 }
 
-/// A step of Halley's method for the cube root: the relative error e becomes 2/3 e^3.
+/// Performs a step of Halley's method for the cube root: the relative error e becomes 2/3 e^3.
 #[inline(always)]
 fn halley<S: Simd, V: SimdFloat<S, Element = f32>>(x: V, root: V) -> V {
     let cube = root * root * root;

@@ -1,15 +1,15 @@
-//! LDR-FLIP: how visible the difference is to someone who flips between two images.
+//! LDR-FLIP: the visibility of differences to a viewer who flips between two images.
 //!
 //! P. Andersson, J. Nilsson, T. Akenine-Moller, M. Oskarsson, K. Astrom, M. Fairchild, "FLIP: A
-//! Difference Evaluator for Alternating Images", HPG 2020. Written from the paper's definition,
+//! Difference Evaluator for Alternating Images", HPG 2020. Implemented from the paper's definition,
 //! with the separation of its filters into rows and columns of the authors' note on separated
 //! convolutions; checked against their evaluator in `tests/library/metrics_flip.rs`.
 //!
-//! The pipeline of a pixel: sRGB -> linear opponent color -> [`weights`] blur as the eye does at
-//! this distance -> [`color`] difference; beside it, luminance -> edges and points -> feature
-//! difference; error = color difference ^ (1 - feature difference). Images are worked through in
-//! bands of rows, each with a short ring of rows that are filtered across and wait to be filtered
-//! down, so that the working set stays in the cache of one core.
+//! The pipeline of a pixel: sRGB -> linear opponent color -> [`weights`] blur like the eye at this
+//! distance -> [`color`] difference; in parallel, luminance -> edges and points -> feature
+//! difference; error = color difference ^ (1 - feature difference). Images are processed in bands
+//! of rows, each with a short ring buffer of rows that are filtered across and not yet down, so
+//! that the working set stays in the cache of one core.
 
 mod color;
 mod math;
@@ -26,11 +26,11 @@ use super::rows::{RowRing, across, derive, padded_len, smooth};
 use crate::metrics::magma;
 use crate::simd;
 
-/// The usual viewing condition: a display 3840 pixels and 0.7 m wide, seen from 0.7 m: `3840 pi /
-/// 180` pixels a degree.
+/// Default viewing condition: a display 3840 pixels and 0.7 m wide, filtered from 0.7 m:
+/// `3840 pi / 180` pixels per degree.
 pub const DEFAULT_PIXELS_PER_DEGREE: f32 = 67.020_64;
 
-/// The FLIP error of each pixel.
+/// FLIP error of each pixel.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FlipMap {
     /// Width, pixels.
@@ -44,7 +44,8 @@ pub struct FlipMap {
 }
 
 impl FlipMap {
-    /// The map as a picture in the magma color map, as the authors show it: black 0, pale yellow 1.
+    /// Converts the map to an image in the magma color map, as the authors show it: black 0, pale
+    /// yellow 1.
     pub fn to_magma(&self) -> RgbImage {
         RgbImage::from_fn(self.width, self.height, |x, y| {
             magma::color(self.errors[y as usize * self.width as usize + x as usize])
@@ -52,7 +53,7 @@ impl FlipMap {
     }
 }
 
-/// The per-pixel LDR-FLIP of two images seen at `pixels_per_degree` of visual angle.
+/// Computes the per-pixel LDR-FLIP of two images filtered at `pixels_per_degree` of visual angle.
 ///
 /// # Errors
 /// When the sizes differ, the images have no pixels, or `pixels_per_degree` is outside
@@ -74,7 +75,7 @@ pub fn flip_map(
     ))
 }
 
-/// [`flip_map`] of checked arguments at a given SIMD level.
+/// Same as [`flip_map`] for checked arguments at a SIMD level.
 fn flip_map_at(
     level: Level,
     reference: &RgbImage,
@@ -82,7 +83,7 @@ fn flip_map_at(
     pixels_per_degree: f32,
 ) -> FlipMap {
     let (width, height) = reference.dimensions();
-    let stage = Stage {
+    let context = FlipContext {
         level,
         weights: FilterWeights::new(f64::from(pixels_per_degree)),
         space: ColorSpace::new(level),
@@ -91,10 +92,10 @@ fn flip_map_at(
     let band_sums: Vec<f64> = errors
         .par_chunks_mut(BAND_ROWS * width as usize)
         .enumerate()
-        .map(|(band, errors)| stage.band(reference, test, band * BAND_ROWS, errors))
+        .map(|(band, errors)| context.band(reference, test, band * BAND_ROWS, errors))
         .collect();
-    // Summed in the order of the bands, whose height is a constant: no thread count changes the
-    // mean.
+    // Summed in the order of bands of constant height: the mean does not depend on the number of
+    // threads.
     let mean = band_sums.iter().sum::<f64>() / errors.len() as f64;
     FlipMap {
         width,
@@ -104,8 +105,8 @@ fn flip_map_at(
     }
 }
 
-/// Rows that one task computes. More means fewer rows filtered twice (the halo), less means more
-/// threads are kept busy.
+/// Rows per task. Larger tasks filter fewer rows twice (the halo), smaller tasks keep more threads
+/// busy.
 const BAND_ROWS: usize = 64;
 
 /// Planes of a [`RowRing`], filtered across and then down.
@@ -123,13 +124,13 @@ mod plane {
 }
 
 /// State shared by all bands of a map.
-struct Stage {
+struct FlipContext {
     level: Level,
     weights: FilterWeights,
     space: ColorSpace,
 }
 
-impl Stage {
+impl FlipContext {
     /// Fills the errors of the rows from `first_row` on; returns their sum.
     fn band(
         &self,
@@ -141,20 +142,20 @@ impl Stage {
         let width = reference.width() as usize;
         let halo = self.weights.radius() as isize;
         let first_row = first_row as isize;
-        let mut sides = [reference, test].map(|image| Side::new(self, image));
+        let mut images = [reference, test].map(|image| BandImage::new(self, image));
         for y in first_row - halo..first_row + halo {
-            sides
+            images
                 .iter_mut()
-                .for_each(|side| side.filter_across(self, y));
+                .for_each(|image| image.filter_across(self, y));
         }
         let mut row = vec![0.0; padded_len(width)];
         let mut sum = 0.0;
         for (y, errors) in (first_row..).zip(errors.chunks_exact_mut(width)) {
-            for side in &mut sides {
-                side.filter_across(self, y + halo);
-                side.filter_down(self, y);
+            for image in &mut images {
+                image.filter_across(self, y + halo);
+                image.filter_down(self, y);
             }
-            let [reference, test] = [&sides[0].seen, &sides[1].seen];
+            let [reference, test] = [&images[0].filtered, &images[1].filtered];
             dispatch!(self.level, simd => row_errors(simd, &self.space, reference, test, &mut row));
             errors.copy_from_slice(&row[..width]);
             sum += errors.iter().map(|&error| f64::from(error)).sum::<f64>();
@@ -163,28 +164,28 @@ impl Stage {
     }
 }
 
-/// One of the two images on its way through a band.
-struct Side<'a> {
+/// Filter state of one of the two images within a band.
+struct BandImage<'a> {
     image: &'a RgbImage,
-    /// A row of linear opponent color, its ends repeated to both sides.
+    /// Row of linear opponent color, its ends repeated on both images.
     padded: [Vec<f32>; 3],
     ring: RowRing<f32>,
-    /// The row that has been filtered both ways.
-    seen: FilteredRow,
-    /// A row for intermediate results.
+    /// Row that is filtered in both directions.
+    filtered: FilteredRow,
+    /// Row for intermediate results.
     scratch: Vec<f32>,
 }
 
-impl<'a> Side<'a> {
-    fn new(stage: &Stage, image: &'a RgbImage) -> Self {
+impl<'a> BandImage<'a> {
+    fn new(context: &FlipContext, image: &'a RgbImage) -> Self {
         let len = padded_len(image.width() as usize);
-        let radius = stage.weights.radius();
+        let radius = context.weights.radius();
         let row = || vec![0.0; len];
         Self {
             image,
             padded: std::array::from_fn(|_| vec![0.0; len + 2 * radius]),
             ring: RowRing::new(radius, plane::COUNT, len),
-            seen: FilteredRow {
+            filtered: FilteredRow {
                 opponent: [row(), row(), row()],
                 slope: [row(), row()],
                 curvature: [row(), row()],
@@ -193,12 +194,12 @@ impl<'a> Side<'a> {
         }
     }
 
-    /// Fills row `y` of the ring. Beyond the image its border repeats, as the authors' evaluators
-    /// have it.
-    fn filter_across(&mut self, stage: &Stage, y: isize) {
-        let Stage { level, weights, .. } = stage;
+    /// Fills row `y` of the ring. Outside of the image its border repeats, as in the authors'
+    /// evaluators.
+    fn filter_across(&mut self, context: &FlipContext, y: isize) {
+        let FlipContext { level, weights, .. } = context;
         let len = padded_len(self.image.width() as usize);
-        self.load(stage, len, y);
+        self.load(context, len, y);
 
         let [luminance, red_green, blue_yellow] = &self.padded;
         let blurs = [
@@ -223,22 +224,22 @@ impl<'a> Side<'a> {
         }
     }
 
-    /// Reads row `y` as opponent color into the padded planes and repeats its ends.
-    fn load(&mut self, stage: &Stage, len: usize, y: isize) {
+    /// Loads row `y` as opponent color into the padded planes and repeats its ends.
+    fn load(&mut self, context: &FlipContext, len: usize, y: isize) {
         let width = self.image.width() as usize;
-        let radius = stage.weights.radius();
+        let radius = context.weights.radius();
         let y = y.clamp(0, self.image.height() as isize - 1) as usize;
         let pixels = &self.image.as_raw()[3 * width * y..3 * width * (y + 1)];
         for (channel, plane) in self.padded.iter_mut().enumerate() {
             for (value, pixel) in plane[radius..].iter_mut().zip(pixels.chunks_exact(3)) {
-                *value = stage.space.linear_from_srgb8[usize::from(pixel[channel])];
+                *value = context.space.linear_from_srgb8[usize::from(pixel[channel])];
             }
         }
         let planes = self
             .padded
             .each_mut()
             .map(|plane| &mut plane[radius..radius + len]);
-        dispatch!(stage.level, simd => stage.space.rows_to_opponent(simd, planes));
+        dispatch!(context.level, simd => context.space.rows_to_opponent(simd, planes));
         for plane in &mut self.padded {
             let (first, last) = (plane[radius], plane[radius + width - 1]);
             plane[..radius].fill(first);
@@ -246,14 +247,14 @@ impl<'a> Side<'a> {
         }
     }
 
-    /// Filters the ring down about row `y`, into [`Side::seen`].
-    fn filter_down(&mut self, stage: &Stage, y: isize) {
-        let Stage { level, weights, .. } = stage;
+    /// Filters the ring down around row `y`, into [`BandImage::filtered`].
+    fn filter_down(&mut self, context: &FlipContext, y: isize) {
+        let FlipContext { level, weights, .. } = context;
         let FilteredRow {
             opponent: [luminance, red_green, blue_yellow],
             slope,
             curvature,
-        } = &mut self.seen;
+        } = &mut self.filtered;
         let ring = &self.ring;
         let blur = |taps: &[f32], plane, out: &mut [f32]| {
             smooth(*level, taps, &ring.down(y, taps.len() - 1, plane), out);

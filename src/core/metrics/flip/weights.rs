@@ -1,4 +1,4 @@
-//! The filters of FLIP, as halves of their taps (see [`super::super::rows`]).
+//! Filters of FLIP, as halves of their taps (see [`super::super::rows`]).
 
 use std::f64::consts::PI;
 
@@ -13,7 +13,7 @@ const BLUE_YELLOW: [Gaussian; 2] = [(34.1, 0.04), (13.5, 0.025)];
 /// it.
 const FEATURE_WIDTH_DEG: f64 = 0.082;
 
-/// All filters for one number of pixels per degree.
+/// All filters for a number of pixels per degree.
 pub(super) struct FilterWeights {
     /// Blur of luminance; its taps, both sides counted, sum to 1.
     pub(super) luminance: Vec<f32>,
@@ -33,7 +33,7 @@ pub(super) struct FilterWeights {
 
 impl FilterWeights {
     pub(super) fn new(pixels_per_degree: f64) -> Self {
-        // Three standard deviations of the widest Gaussian, for all of them.
+        // All radii are three standard deviations of the widest Gaussian.
         let widest = BLUE_YELLOW[0].1.max(BLUE_YELLOW[1].1);
         let radius = (3.0 * (widest / (2.0 * PI * PI)).sqrt() * pixels_per_degree).ceil() as usize;
         let half = |scale: f64, amplitude: f64| -> Vec<f64> {
@@ -42,11 +42,11 @@ impl FilterWeights {
                 .map(|degrees| amplitude * (-PI * PI * degrees * degrees / scale).exp())
                 .collect()
         };
-        // A plane is filtered by the same taps across and down, so one direction takes the root of
+        // A plane is filtered by the same taps across and down, so each direction gets the root of
         // the amplitude.
         let [wide, narrow] = BLUE_YELLOW.map(|(a, b)| half(b, (a * (PI / b).sqrt()).sqrt()));
         let blue_yellow_total = (total(&wide).powi(2) + total(&narrow).powi(2)).sqrt();
-        let unit = |taps: Vec<f64>| divided(&taps, total(&taps));
+        let unit = |taps: Vec<f64>| divide(&taps, total(&taps));
 
         let sigma = 0.5 * FEATURE_WIDTH_DEG * pixels_per_degree;
         let feature: Vec<f64> = (0..=(3.0 * sigma).ceil() as usize)
@@ -64,37 +64,37 @@ impl FilterWeights {
             luminance: unit(half(LUMINANCE.1, 1.0)),
             red_green: unit(half(RED_GREEN.1, 1.0)),
             blue_yellow: [
-                divided(&wide, blue_yellow_total),
-                divided(&narrow, blue_yellow_total),
+                divide(&wide, blue_yellow_total),
+                divide(&narrow, blue_yellow_total),
             ],
-            slope: one_sided(&times(&|x| x)),
-            curvature: balanced(&times(&|x| x * x / (sigma * sigma) - 1.0)),
+            slope: normalise_sides(&times(&|x| x)),
+            curvature: normalise_signs(&times(&|x| x * x / (sigma * sigma) - 1.0)),
             feature: unit(feature),
         }
     }
 
-    /// The larger of the radii, pixels.
+    /// Returns the largest radius, pixels.
     pub(super) fn radius(&self) -> usize {
         self.luminance.len().max(self.feature.len()) - 1
     }
 }
 
-/// Sum of a whole filter, of which half is given.
+/// Sums a whole filter, given half of its taps.
 fn total(half: &[f64]) -> f64 {
     half[0] + 2.0 * half[1..].iter().sum::<f64>()
 }
 
-fn divided(taps: &[f64], divisor: f64) -> Vec<f32> {
+fn divide(taps: &[f64], divisor: f64) -> Vec<f32> {
     taps.iter().map(|tap| (tap / divisor) as f32).collect()
 }
 
-/// An antisymmetric filter, each side summing to 1 in magnitude.
-fn one_sided(half: &[f64]) -> Vec<f32> {
-    divided(half, half.iter().sum())
+/// Scales an antisymmetric filter so that each side sums to 1 in magnitude.
+fn normalise_sides(half: &[f64]) -> Vec<f32> {
+    divide(half, half.iter().sum())
 }
 
-/// A symmetric filter whose positive taps are scaled to sum to 1 and the negative ones to -1.
-fn balanced(half: &[f64]) -> Vec<f32> {
+/// Scales a symmetric filter so that its positive taps sum to 1 and the negative ones to -1.
+fn normalise_signs(half: &[f64]) -> Vec<f32> {
     let part = |keep: fn(f64) -> bool| -> f64 {
         total(
             &half
