@@ -1,9 +1,9 @@
-//! Many small pictures on few large ones.
+//! Texture atlas: packs many small images into few large pages.
 
-/// Pixels a side of a page: what every engine and phone takes.
+/// Size of a page, pixels: supported by every engine and phone.
 pub(super) const PAGE_PX: usize = 4096;
 
-/// A picture to be placed.
+/// Image to be placed in the atlas.
 pub(super) struct AtlasPicture {
     pub(super) width: usize,
     pub(super) height: usize,
@@ -19,14 +19,15 @@ pub(super) struct AtlasPlace {
     pub(super) y: usize,
 }
 
-/// A page: as high as what lies on it.
+/// Page, as high as the images on it.
 pub(super) struct AtlasPage {
     pub(super) height: usize,
-    /// [`PAGE_PX`] a row.
+    /// Texels, [`PAGE_PX`] per row.
     pub(super) texels: Vec<[u8; 4]>,
 }
 
-/// Places pictures on shelves, the tallest first. Pictures are at most [`PAGE_PX`] a side.
+/// Packs images in rows ("shelves"), the tallest first. Images are at most [`PAGE_PX`] wide and
+/// high.
 pub(super) fn pack(pictures: &[&AtlasPicture]) -> (Vec<AtlasPlace>, Vec<AtlasPage>) {
     let mut order: Vec<usize> = (0..pictures.len()).collect();
     order.sort_by_key(|i| (std::cmp::Reverse(pictures[*i].height), *i));

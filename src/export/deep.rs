@@ -1,10 +1,10 @@
 //! OpenEXR files for compositing: all samples of each pixel as deep data, or as flat layers.
 //!
-//! The six faces of the cube stand one above another as OpenEXR's cubic environment maps have them
-//! (`ImfEnvmap.h`), which are the faces of a cube LDI; a single face is the picture of a camera at
-//! the centre of the headbox that sees 90 degrees. Colours are linear light, 1 where white is
-//! (above it where a capture keeps that), of sRGB's primaries, times alpha; `Z` is eye depth of the
-//! face's camera, metres. The world has Y up; cameras are told as OpenEXR has them
+//! The six faces of the cube are stacked vertically as in OpenEXR's cubic environment maps
+//! (`ImfEnvmap.h`), whose faces are those of a cube LDI. A single face is the image of a 90-degree
+//! camera at the centre of the headbox. Colours are linear light with sRGB's primaries,
+//! premultiplied by alpha; 1 is white, and captures with a tone map exceed it. `Z` is eye depth of
+//! the face's camera, metres. The world has Y up; cameras follow OpenEXR's convention
 //! ([`DeepView::from_camera`]).
 
 use super::ExportError;
@@ -24,9 +24,9 @@ use std::io::{self, Write};
 /// Faces in a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Faces {
-    /// All six, one above another.
+    /// All six faces, stacked vertically.
     All,
-    /// One, as the picture of a camera.
+    /// One face, as the image of a camera.
     One(Face),
 }
 
@@ -57,31 +57,31 @@ impl Faces {
     }
 }
 
-/// Summary of a file.
+/// Summary of a written file.
 #[derive(Clone, Copy, Debug)]
 pub struct DeepSummary {
-    /// Samples.
+    /// Number of samples.
     pub samples: u64,
     /// Width and height, pixels.
     pub size_px: [u32; 2],
 }
 
-/// Writes all samples as one deep image of scanlines, tidy, compressed by ZIPS.
+/// Writes all samples as one deep scanline image, tidy, with ZIPS compression.
 ///
 /// # Errors
 /// [`ExportError::Empty`], [`ExportError::Io`].
 pub fn write(cube: &CubeLdi, faces: Faces, to: &mut dyn Write) -> Result<DeepSummary, ExportError> {
     let stacks = stacks(cube, faces)?;
     let mut offsets = vec![0u32];
-    for of_face in &stacks {
+    for face in &stacks {
         let before = offsets[offsets.len() - 1];
-        offsets.extend(of_face.offsets[1..].iter().map(|end| before + end));
+        offsets.extend(face.offsets[1..].iter().map(|end| before + end));
     }
-    let values = |of: &(dyn Fn(&Deep) -> f32 + Sync)| -> Vec<f32> {
+    let values = |value: &(dyn Fn(&Deep) -> f32 + Sync)| -> Vec<f32> {
         stacks
             .iter()
-            .flat_map(|of_face| &of_face.samples)
-            .map(of)
+            .flat_map(|face| &face.samples)
+            .map(value)
             .collect()
     };
     let mut channels: Vec<DeepChannel> = ["A", "B", "G", "R"]
@@ -115,8 +115,8 @@ pub fn write(cube: &CubeLdi, faces: Faces, to: &mut dyn Write) -> Result<DeepSum
     Ok(DeepSummary { samples, size_px })
 }
 
-/// Writes `layers` flat parts: of each pixel the nearest sample, the next, ..., and in the last all
-/// that lie deeper, over one another. All parts over one another are the picture.
+/// Writes `layers` flat parts: the nearest sample of each pixel, the next one, ..., and in the last
+/// part the composite of all deeper samples. The composite of all parts is the image.
 ///
 /// # Errors
 /// [`ExportError::Empty`], [`ExportError::Io`].
@@ -156,30 +156,28 @@ pub fn write_layers(
         .map_err(io::Error::other)?;
     to.write_all(file.get_ref())?;
     Ok(DeepSummary {
-        samples: stacks
-            .iter()
-            .map(|of_face| of_face.samples.len() as u64)
-            .sum(),
+        samples: stacks.iter().map(|face| face.samples.len() as u64).sum(),
         size_px,
     })
 }
 
 fn stacks(cube: &CubeLdi, faces: Faces) -> Result<Vec<Stacks>, ExportError> {
-    super::check_held(cube)?;
-    let cube = &pieces::with_whole_rims(cube);
+    super::check_memory(cube)?;
+    let cube = &pieces::with_merged_coverage(cube);
     let stacks: Vec<Stacks> = faces
         .list()
         .into_par_iter()
-        .map(|face| Stacks::of_face(cube, face))
+        .map(|face| Stacks::new(cube, face))
         .collect();
-    if stacks.iter().all(|of_face| of_face.samples.is_empty()) {
+    if stacks.iter().all(|face| face.samples.is_empty()) {
         Err(ExportError::Empty)
     } else {
         Ok(stacks)
     }
 }
 
-/// The channels of the sample number `i` of each pixel; of the last layer, with all behind it.
+/// Returns the channels of sample number `i` of each pixel; with `last`, composited with all
+/// samples behind it.
 fn layer(stacks: &[Stacks], i: usize, last: bool) -> AnyChannels<FlatSamples> {
     const NOTHING: Deep = Deep {
         depth_m: f32::INFINITY,
@@ -187,7 +185,7 @@ fn layer(stacks: &[Stacks], i: usize, last: bool) -> AnyChannels<FlatSamples> {
     };
     let found: Vec<Deep> = stacks
         .iter()
-        .flat_map(|of_face| (0..of_face.offsets.len() - 1).map(move |at| of_face.pixel(at)))
+        .flat_map(|face| (0..face.offsets.len() - 1).map(move |at| face.pixel(at)))
         .map(|pixel| match pixel.get(i..) {
             Some([first, behind @ ..]) if last => behind
                 .iter()

@@ -1,8 +1,7 @@
-//! Films: frames one after the other to MP4 or WebM through ffmpeg, where it is installed, or to an
-//! animated PNG or GIF.
+//! Films: encodes frames to MP4 or WebM with an installed ffmpeg, or to an animated PNG or GIF.
 
+use super::spherical::Spherical;
 use super::stereo::View;
-use crate::spherical;
 use headbox_core::files::write_whole;
 use image::codecs::gif::{GifEncoder, Repeat};
 use image::{Delay, RgbImage};
@@ -11,28 +10,27 @@ use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use tempfile::NamedTempFile;
 
-/// Frames as they are made.
+/// Frames, rendered on demand.
 type Frames<'a> = &'a mut dyn Iterator<Item = io::Result<RgbImage>>;
 
 /// Returns true if the file's extension is that of a film.
 pub fn is_film(path: &Path) -> bool {
-    ENDINGS.iter().any(|ending| has_ending(path, ending))
+    ENDINGS.iter().any(|ending| has_extension(path, ending))
 }
 
-/// All endings of films.
+/// File extensions of films.
 pub const ENDINGS: [&str; 4] = ["mp4", "webm", "apng", "gif"];
 
-fn has_ending(path: &Path, wanted: &str) -> bool {
+fn has_extension(path: &Path, wanted: &str) -> bool {
     path.extension()
         .is_some_and(|ending| ending.eq_ignore_ascii_case(wanted))
 }
 
-/// Writes a film of `count` frames of one size, whole or not at all. `.mp4` and `.webm` say what of
-/// its surroundings a `view` shows.
+/// Writes a film of `count` frames of one size, completely or not at all. `.mp4` and `.webm`
+/// contain metadata about the projection of `view`.
 ///
 /// # Errors
-/// What making a frame, encoding or writing reports; a sentence that names ffmpeg where it is
-/// missing.
+/// Errors of rendering a frame, encoding or writing; a message that names ffmpeg if it is missing.
 pub fn write(
     path: &Path,
     [width, height]: [u32; 2],
@@ -43,32 +41,34 @@ pub fn write(
 ) -> io::Result<()> {
     let checked = &mut frames.map(|frame| {
         let frame = frame?;
-        match frame.dimensions() == (width, height) {
-            true => Ok(frame),
-            false => Err(io::Error::other("the poses of a film must have one --size")),
+        if frame.dimensions() == (width, height) {
+            Ok(frame)
+        } else {
+            Err(io::Error::other("the poses of a film must have one --size"))
         }
     });
-    if has_ending(path, "gif") {
+    if has_extension(path, "gif") {
         return write_whole(path, |mut to| gif(&mut to, fps, checked));
     }
-    if has_ending(path, "apng") {
+    if has_extension(path, "apng") {
         return write_whole(path, |mut to| {
             apng(&mut to, [width, height], fps, count, checked)
         });
     }
-    let told = spherical::is_told(view);
-    let codec: &[&[&str]] = match has_ending(path, "webm") {
-        true if told => &[VP9, &["-f", "mp4"]],
+    let is_webm = has_extension(path, "webm");
+    let spherical = Spherical::for_view(view);
+    let codec: &[&[&str]] = match is_webm {
+        true if spherical.is_some() => &[VP9, &["-f", "mp4"]],
         true => &[VP9, &["-f", "webm"]],
         false => &[H264, &["-movflags", "+faststart", "-f", "mp4"]],
     };
     let mut film = encode([width, height], fps, &codec.concat(), checked)?;
-    if told {
-        let tagged = spherical::tagged(std::fs::read(film.path())?, view)?;
+    if let Some(spherical) = spherical {
+        let tagged = spherical.add_metadata(std::fs::read(film.path())?)?;
         film = NamedTempFile::new()?;
         film.write_all(&tagged)?;
-        if has_ending(path, "webm") {
-            film = webm_of(&film)?;
+        if is_webm {
+            film = remux_to_webm(&film)?;
         }
     }
     write_whole(path, |mut to| {
@@ -76,7 +76,7 @@ pub fn write(
     })
 }
 
-/// Browsers and phones play this; `yuv420p` and even sides are what they all can.
+/// H.264 settings for browsers and phones; all of them support `yuv420p` and even sides.
 const H264: &[&str] = &["-c:v", "libx264", "-crf", "18", "-preset", "medium"];
 const VP9: &[&str] = &[
     "-c:v",
@@ -89,7 +89,7 @@ const VP9: &[&str] = &[
     "1",
 ];
 
-/// ffmpeg with what it is to do besides; it says only what goes wrong, and writes to `film`.
+/// Starts ffmpeg with some arguments, with `film` as output; it only reports errors.
 fn ffmpeg(arguments: &[&str], film: &NamedTempFile) -> io::Result<Child> {
     let started = Command::new("ffmpeg")
         .args(["-loglevel", "error", "-y"])
@@ -107,27 +107,29 @@ fn ffmpeg(arguments: &[&str], film: &NamedTempFile) -> io::Result<Child> {
     })
 }
 
-/// Waits for it; what it says is the error if it fails, else what came of feeding it.
-fn finished(mut ffmpeg: Child, fed: io::Result<()>) -> io::Result<()> {
-    let mut words = String::new();
-    ffmpeg
-        .stderr
-        .take()
-        .map(|mut stderr| stderr.read_to_string(&mut words))
-        .transpose()?;
-    match ffmpeg.wait()?.success() {
-        true => fed,
-        // A pipe that broke says less than who broke it.
-        false => Err(io::Error::other(format!("ffmpeg failed: {}", words.trim()))),
+/// Waits for ffmpeg. If it fails, the error is its own message, else the result of feeding it.
+fn wait_for(mut ffmpeg: Child, fed: io::Result<()>) -> io::Result<()> {
+    let mut messages = String::new();
+    if let Some(mut stderr) = ffmpeg.stderr.take() {
+        stderr.read_to_string(&mut messages)?;
+    }
+    if ffmpeg.wait()?.success() {
+        fed
+    } else {
+        // ffmpeg's message says more than a broken pipe.
+        Err(io::Error::other(format!(
+            "ffmpeg failed: {}",
+            messages.trim()
+        )))
     }
 }
 
-/// The same film in WebM. Its muxer writes what a film surrounds the eye with (`Projection`,
-/// `StereoMode`) only if it read so.
-fn webm_of(film: &NamedTempFile) -> io::Result<NamedTempFile> {
+/// Converts a film from MP4 to WebM. ffmpeg only writes `Projection` and `StereoMode` if it read
+/// them from a file.
+fn remux_to_webm(film: &NamedTempFile) -> io::Result<NamedTempFile> {
     let webm = NamedTempFile::new()?;
     let from = film.path().to_string_lossy();
-    finished(
+    wait_for(
         ffmpeg(
             &["-f", "mp4", "-i", &from, "-c", "copy", "-f", "webm"],
             &webm,
@@ -137,7 +139,7 @@ fn webm_of(film: &NamedTempFile) -> io::Result<NamedTempFile> {
     Ok(webm)
 }
 
-/// The file that ffmpeg makes of frames.
+/// Encodes frames with ffmpeg to a temporary file.
 fn encode(
     [width, height]: [u32; 2],
     fps: u32,
@@ -157,7 +159,7 @@ fn encode(
     ];
     let mut ffmpeg = ffmpeg(&[&raw, even.as_slice(), codec].concat(), &film)?;
     let fed = feed(&mut ffmpeg, frames);
-    finished(ffmpeg, fed)?;
+    wait_for(ffmpeg, fed)?;
     Ok(film)
 }
 
@@ -172,7 +174,7 @@ fn feed(ffmpeg: &mut Child, frames: Frames) -> io::Result<()> {
 }
 
 fn gif(to: &mut dyn Write, fps: u32, frames: Frames) -> io::Result<()> {
-    /// 1 is the slowest and best, 30 the fastest.
+    /// Speed of the colour quantisation: 1 is the slowest and best, 30 the fastest.
     const SPEED: i32 = 10;
     let mut encoder = GifEncoder::new_with_speed(to, SPEED);
     encoder
@@ -194,13 +196,13 @@ fn gif(to: &mut dyn Write, fps: u32, frames: Frames) -> io::Result<()> {
     Ok(())
 }
 
-/// The frame that follows frame `number` in a GIF, and by how many hundredths of a second. These
-/// are all that a GIF counts, and players take one for ten: what follows sooner is left out.
+/// Returns the frame that follows frame `number` in a GIF, and the delay to it in hundredths of a
+/// second. A GIF counts in hundredths, and players replace a delay of one by ten: frames that would
+/// follow sooner are dropped.
 fn gif_delay(number: u32, fps: u32) -> (u32, u32) {
     const LEAST: u64 = 2;
     let (fps, number) = (u64::from(fps.max(1)), u64::from(number));
     let start = |number: u64| (200 * number + fps) / (2 * fps);
-    // At least one frame on, and as far as it takes.
     let mut next = number + 1;
     while start(next) < start(number) + LEAST {
         next += 1;

@@ -21,16 +21,16 @@ use image::codecs::png::CompressionType;
 use serde_json::{Value, json};
 use std::io::Write;
 
-/// Error, face pixels, of quadrilaterals where the budget holds them; else the least of those
-/// errors that it holds, each so many times the one before.
+/// Smallest error of quadrilaterals, face pixels. If the triangle budget requires it, the error
+/// grows by steps of a factor.
 const FIRST_ERROR_PX: f64 = 0.1;
 const GROWTH: f64 = 1.1;
-/// The last is 60 face pixels.
+/// Number of steps; the last error is 60 face pixels.
 const ERRORS: i32 = 68;
-/// Error, px, of the pictures on planes that are made of a capture without.
+/// Error bound of plane textures for a capture without them, px.
 const PLANES_ERROR_PX: f64 = 1.0;
-/// The least alpha that is drawn. Where two surfaces meet each has a rim that is half open; with
-/// 0.5 the background shows between them.
+/// Alpha below which texels are not drawn. Where two surfaces meet, each has a half-transparent
+/// rim; with 0.5 the background would show between them.
 const ALPHA_CUTOFF: f64 = 0.35;
 /// JPEG quality of opaque textures.
 const JPEG_QUALITY: u8 = 92;
@@ -42,18 +42,18 @@ const PNG_EFFORT: CompressionType = CompressionType::Default;
 pub struct GlbSummary {
     /// Triangles in the file.
     pub triangles: u64,
-    /// By how much a sample may be elsewhere, face pixels.
+    /// Largest displacement of a sample, face pixels.
     pub error_px: f64,
-    /// Samples left out because the budget does not hold them.
+    /// Number of samples dropped to stay within the budget.
     pub dropped_samples: u64,
 }
 
-/// Writes a cube LDI with at most `budget` triangles, the environment's apart.
+/// Writes a cube LDI with at most `budget` triangles, not counting the environment's.
 ///
 /// # Errors
 /// [`ExportError`].
 pub fn write(cube: &CubeLdi, budget: u64, to: &mut dyn Write) -> Result<GlbSummary, ExportError> {
-    super::check_held(cube)?;
+    super::check_memory(cube)?;
     let with_planes;
     let cube = if cube.planes.tiles.is_empty() && cube.depth_pixel_count() > 0 {
         let mut ldi: CubeSamples = cube.unpack();
@@ -66,14 +66,14 @@ pub fn write(cube: &CubeLdi, budget: u64, to: &mut dyn Write) -> Result<GlbSumma
     } else {
         cube
     };
-    let (mut charts, sheets) = (mesh::of_planes(cube), sheets::sheets(cube));
+    let (mut charts, sheets) = (mesh::plane_charts(cube), sheets::sheets(cube));
     let left = budget.saturating_sub(triangles(&charts));
-    let (error_px, cut) = least_error(left, |error_px| mesh::of_sheets(cube, &sheets, error_px));
+    let (error_px, cut) = least_error(left, |error_px| mesh::sheet_charts(cube, &sheets, error_px));
     charts.extend(cut);
     let dropped_samples = drop_smallest(&mut charts, budget);
     let mut file = File::default();
-    file.charts(&charts)?;
-    file.environment(cube)?;
+    file.add_charts(&charts)?;
+    file.add_environment(cube)?;
     if file.primitives.is_empty() {
         return Err(ExportError::Empty);
     }
@@ -98,33 +98,34 @@ fn triangles(charts: &[TexturedQuads]) -> u64 {
         .sum()
 }
 
-/// The least error, face pixels, that makes no more than `budget` triangles, or the largest; and
-/// its charts.
+/// Finds the smallest error, face pixels, that needs no more than `budget` triangles, else the
+/// largest; returns it with its charts.
 fn least_error(
     budget: u64,
     charts: impl Fn(f64) -> Vec<TexturedQuads>,
 ) -> (f64, Vec<TexturedQuads>) {
-    let of = |i: i32| FIRST_ERROR_PX * GROWTH.powi(i);
-    let first = charts(of(0));
+    let error_px = |i: i32| FIRST_ERROR_PX * GROWTH.powi(i);
+    let first = charts(error_px(0));
     if triangles(&first) <= budget {
-        return (of(0), first);
+        return (error_px(0), first);
     }
-    // The first is too fine, and the last is taken if none is not.
+    // Bisection: the first error is too small; the last one is taken if no smaller one fits.
     let (mut fine, mut found) = (0, (ERRORS - 1, None));
     while found.0 - fine > 1 {
         let middle = (fine + found.0) / 2;
-        let made = charts(of(middle));
-        match triangles(&made) <= budget {
-            true => found = (middle, Some(made)),
-            false => fine = middle,
+        let made = charts(error_px(middle));
+        if triangles(&made) <= budget {
+            found = (middle, Some(made));
+        } else {
+            fine = middle;
         }
     }
     let (i, made) = found;
-    (of(i), made.unwrap_or_else(|| charts(of(i))))
+    (error_px(i), made.unwrap_or_else(|| charts(error_px(i))))
 }
 
-/// Leaves out what shows least, until the rest is within the budget; the number of samples that are
-/// gone.
+/// Drops the charts with the fewest samples until the rest is within the budget; returns the number
+/// of dropped samples.
 fn drop_smallest(charts: &mut Vec<TexturedQuads>, budget: u64) -> u64 {
     charts.sort_by_key(|chart| std::cmp::Reverse(chart.samples));
     let (mut sum, mut kept) = (0, 0);
@@ -141,7 +142,7 @@ fn drop_smallest(charts: &mut Vec<TexturedQuads>, budget: u64) -> u64 {
         .sum()
 }
 
-/// A file that grows.
+/// GLB file under construction.
 #[derive(Default)]
 struct File {
     bytes: Vec<u8>,
@@ -156,16 +157,16 @@ struct File {
 #[derive(Default)]
 struct Mesh {
     positions: Vec<[f32; 3]>,
-    /// 16 bits for 0 to 1.
+    /// Normalised to 16 bits.
     texcoords: Vec<[u16; 2]>,
 }
 
-/// Vertices of a primitive at most: as many as indices of two bytes tell apart, without the last,
-/// which some take for a restart.
-const MOST_VERTICES: usize = 65_532;
+/// Maximum number of vertices of a primitive: two-byte indices without the last one, which some
+/// readers take for primitive restart.
+const MAX_VERTICES: usize = 65_532;
 
 impl Mesh {
-    /// Corners as of [`mesh::Quad`]; `texels` over the size of the texture.
+    /// Adds a quadrilateral: corners in the order of [`mesh::Quad`], texture coordinates 0 to 1.
     fn add(&mut self, corners: [DVec3; 4], texels: [[f64; 2]; 4]) {
         self.positions
             .extend(corners.map(|corner| corner.as_vec3().to_array()));
@@ -175,7 +176,7 @@ impl Mesh {
 }
 
 impl File {
-    fn view(&mut self, bytes: &[u8], target: Option<u32>) -> usize {
+    fn add_view(&mut self, bytes: &[u8], target: Option<u32>) -> usize {
         self.bytes.resize(self.bytes.len().next_multiple_of(4), 0);
         let mut view =
             json!({"buffer": 0, "byteOffset": self.bytes.len(), "byteLength": bytes.len()});
@@ -187,20 +188,20 @@ impl File {
         self.views.len() - 1
     }
 
-    fn accessor(&mut self, bytes: &[u8], element_array: bool, more: Value) -> usize {
-        let view = self.view(bytes, Some(if element_array { 34963 } else { 34962 }));
+    fn add_accessor(&mut self, bytes: &[u8], element_array: bool, more: Value) -> usize {
+        let view = self.add_view(bytes, Some(if element_array { 34963 } else { 34962 }));
         let mut accessor = more;
         accessor["bufferView"] = view.into();
         self.accessors.push(accessor);
         self.accessors.len() - 1
     }
 
-    /// A texture of a page or of a face, and a mesh with it.
-    fn textured(&mut self, mesh: &Mesh, image: &[u8], mime: &str, mask: bool) {
+    /// Adds a texture, a material and the primitives of its mesh.
+    fn add_textured(&mut self, mesh: &Mesh, image: &[u8], mime: &str, mask: bool) {
         if mesh.positions.is_empty() {
             return;
         }
-        let view = self.view(image, None);
+        let view = self.add_view(image, None);
         self.images
             .push(json!({"bufferView": view, "mimeType": mime}));
         let mut material = json!({
@@ -216,13 +217,13 @@ impl File {
         self.materials.push(material);
         let runs = mesh
             .positions
-            .chunks(MOST_VERTICES)
-            .zip(mesh.texcoords.chunks(MOST_VERTICES));
-        runs.for_each(|(positions, texcoords)| self.primitive(positions, texcoords));
+            .chunks(MAX_VERTICES)
+            .zip(mesh.texcoords.chunks(MAX_VERTICES));
+        runs.for_each(|(positions, texcoords)| self.add_primitive(positions, texcoords));
     }
 
-    /// Quadrilaterals of the last material.
-    fn primitive(&mut self, positions: &[[f32; 3]], texcoords: &[[u16; 2]]) {
+    /// Adds a primitive of quadrilaterals with the last material.
+    fn add_primitive(&mut self, positions: &[[f32; 3]], texcoords: &[[u16; 2]]) {
         let bound = |pick: fn(f32, f32) -> f32| {
             positions
                 .iter()
@@ -234,32 +235,32 @@ impl File {
         let position = json!({
             "componentType": 5126, "count": count, "type": "VEC3", "min": bound(f32::min), "max": bound(f32::max),
         });
-        let position = self.accessor(bytemuck::cast_slice(positions), false, position);
+        let position = self.add_accessor(bytemuck::cast_slice(positions), false, position);
         let texcoord =
             json!({"componentType": 5123, "normalized": true, "count": count, "type": "VEC2"});
-        let texcoord = self.accessor(bytemuck::cast_slice(texcoords), false, texcoord);
+        let texcoord = self.add_accessor(bytemuck::cast_slice(texcoords), false, texcoord);
         let corners: Vec<u16> = (0..count as u16)
             .step_by(4)
             .flat_map(|first| [0, 2, 1, 1, 2, 3].map(|i| first + i))
             .collect();
         let indices = json!({"componentType": 5123, "count": corners.len(), "type": "SCALAR"});
-        let indices = self.accessor(bytemuck::cast_slice(&corners), true, indices);
+        let indices = self.add_accessor(bytemuck::cast_slice(&corners), true, indices);
         self.primitives.push(json!({
             "attributes": {"POSITION": position, "TEXCOORD_0": texcoord}, "indices": indices, "material": self.materials.len() - 1,
         }));
     }
 
-    /// Charts on pages: those that hide all behind them as JPEG, the others as PNG with a mask.
-    fn charts(&mut self, charts: &[TexturedQuads]) -> Result<(), ExportError> {
+    /// Adds charts on atlas pages: opaque ones as JPEG, the others as PNG with an alpha mask.
+    fn add_charts(&mut self, charts: &[TexturedQuads]) -> Result<(), ExportError> {
         for opaque in [true, false] {
-            let of_kind: Vec<&TexturedQuads> = charts
+            let group: Vec<&TexturedQuads> = charts
                 .iter()
                 .filter(|chart| chart.opaque == opaque)
                 .collect();
-            let pictures: Vec<&AtlasPicture> = of_kind.iter().map(|chart| &chart.picture).collect();
+            let pictures: Vec<&AtlasPicture> = group.iter().map(|chart| &chart.picture).collect();
             let (places, pages) = atlas::pack(&pictures);
             let mut meshes: Vec<Mesh> = pages.iter().map(|_| Mesh::default()).collect();
-            for (chart, place) in of_kind.iter().zip(&places) {
+            for (chart, place) in group.iter().zip(&places) {
                 let size = [PAGE_PX as f64, pages[place.page].height as f64];
                 let corner = [place.x as f64, place.y as f64];
                 for quad in &chart.quads {
@@ -282,21 +283,21 @@ impl File {
                     encoder
                         .encode(&rgb, width, height, ExtendedColorType::Rgb8)
                         .map_err(PictureError::from)?;
-                    self.textured(mesh, &jpeg, "image/jpeg", false);
+                    self.add_textured(mesh, &jpeg, "image/jpeg", false);
                 } else {
                     let png = super::png(&page.texels, [width, height], PNG_EFFORT)?;
-                    self.textured(mesh, &png, "image/png", true);
+                    self.add_textured(mesh, &png, "image/png", true);
                 }
             }
         }
         Ok(())
     }
 
-    /// A box around everything, whose sides are the faces of the environment.
-    fn environment(&mut self, cube: &CubeLdi) -> Result<(), ExportError> {
+    /// Adds a box around everything with the faces of the environment.
+    fn add_environment(&mut self, cube: &CubeLdi) -> Result<(), ExportError> {
         let size = cube.environment.size_px;
         let per_face = size as usize * size as usize;
-        let distance = surfels::sky(cube);
+        let distance = surfels::environment_distance(cube);
         for (face, texels) in Face::ALL
             .into_iter()
             .zip(cube.environment.texels.chunks_exact(per_face.max(1)))
@@ -307,15 +308,15 @@ impl File {
             let side = f64::from(size);
             let corners = [[0.0, 0.0], [side, 0.0], [0.0, side], [side, side]];
             let mut mesh = Mesh::default();
-            // The middles of the outermost texels are the rim of the picture, or it would wrap
-            // round.
+            // Texture coordinates end at the centres of the outermost texels, else the texture
+            // would wrap.
             let inset = |c: f64| c.clamp(0.5, side - 0.5) / side;
             mesh.add(
                 corners.map(|[x, y]| face.direction(x, y, size) * distance),
                 corners.map(|[x, y]| [inset(x), inset(y)]),
             );
             let png = super::png(texels, [size, size], PNG_EFFORT)?;
-            self.textured(
+            self.add_textured(
                 &mesh,
                 &png,
                 "image/png",

@@ -1,4 +1,4 @@
-//! To where headbox is not installed: a page, an engine, a splat viewer, a film package.
+//! Exports for use without headbox: HTML pages, engines, splat viewers, compositing and film.
 
 mod atlas;
 pub mod deep;
@@ -27,76 +27,77 @@ use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder};
 use std::io;
 
-/// Why something could not be exported.
+/// Error of an export.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ExportError {
-    /// There is nothing to show.
+    /// The capture is empty.
     #[error(
         "there is nothing in it to export: no depth pixel, no picture on a plane and no environment"
     )]
     Empty,
-    /// It would be larger than what its readers can open.
+    /// The file would be larger than readers can open.
     #[error(
         "the export would have at least {} MB, and such files may have {} MB; capture with a smaller --face-size, or with --error-px",
         bytes >> 20, limit >> 20
     )]
     TooLarge {
-        /// Bytes that it would have.
+        /// Size of the file, bytes.
         bytes: u64,
-        /// Bytes that it may have.
+        /// Limit, bytes.
         limit: u64,
     },
-    /// Making it would take more memory than most machines have.
+    /// The export would take more memory than most machines have.
     #[error(
         "it has {} MB, and only captures of up to {} MB are exported so, which takes up to nine times their memory; capture with a \
          smaller --face-size, or with --error-px",
         bytes >> 20, limit >> 20
     )]
     CaptureTooLarge {
-        /// Bytes of the capture.
+        /// Size of the capture, bytes.
         bytes: u64,
-        /// Bytes that it may have.
+        /// Limit, bytes.
         limit: u64,
     },
-    /// Sprites are of no one view.
+    /// The sprites were taken from several positions.
     #[error(
         "its sprites were taken from several places, and only sprites of one eye can be exported; export them one by one"
     )]
     Eyes,
-    /// It could not be written.
+    /// The file cannot be written.
     #[error(transparent)]
     Io(#[from] io::Error),
-    /// There is no camera for a picture of it.
+    /// No camera can be placed for an image.
     #[error(transparent)]
     Camera(#[from] CameraError),
-    /// A picture could not be encoded.
+    /// An image cannot be encoded.
     #[error(transparent)]
     Picture(#[from] PictureError),
-    /// It could not be packed again.
+    /// The cube cannot be packed again.
     #[error(transparent)]
     Pack(#[from] PackError),
 }
 
-/// The most bytes of a capture that is exported by what holds all of the export at once. What is
-/// written sample by sample has no limit.
-const MAX_HELD_BYTES: u64 = 1 << 30;
+/// Largest capture, bytes, for exports that hold the whole output in memory. Exports that write
+/// sample by sample have no limit.
+const MAX_IN_MEMORY_BYTES: u64 = 1 << 30;
 
-/// Refuses a capture that is too large to be held several times.
-fn check_held(cube: &CubeLdi) -> Result<(), ExportError> {
-    match cube.bytes() as u64 {
-        bytes if bytes > MAX_HELD_BYTES => Err(ExportError::CaptureTooLarge {
+/// Rejects a capture that is too large for exports in memory.
+fn check_memory(cube: &CubeLdi) -> Result<(), ExportError> {
+    let bytes = cube.bytes() as u64;
+    if bytes > MAX_IN_MEMORY_BYTES {
+        return Err(ExportError::CaptureTooLarge {
             bytes,
-            limit: MAX_HELD_BYTES,
-        }),
-        _ => Ok(()),
+            limit: MAX_IN_MEMORY_BYTES,
+        });
     }
+    Ok(())
 }
 
-/// Pixels of a poster.
+/// Size of a poster image, pixels.
 pub(crate) const POSTER_PX: [u32; 2] = [800, 500];
 
-/// A JPEG file of what the centre of the headbox sees where there is most to see.
+/// Renders the capture's default view from the centre of the headbox as a JPEG file.
 pub fn poster(cube: &CubeLdi) -> Result<Vec<u8>, ExportError> {
     let ahead = cube.info.ahead.unwrap_or(glam::DVec3::NEG_Z);
     let up = cube.info.up.unwrap_or(glam::DVec3::Y);
@@ -104,7 +105,7 @@ pub fn poster(cube: &CubeLdi) -> Result<Vec<u8>, ExportError> {
     jpeg(Renderer::new().render(cube, &camera, &Default::default()))
 }
 
-/// A JPEG file of a frame, for a poster.
+/// Encodes a frame as a JPEG file, for a poster.
 pub(crate) fn jpeg(frame: &Frame) -> Result<Vec<u8>, ExportError> {
     const QUALITY: u8 = 75;
     let picture = frame.to_rgb().map_err(io::Error::other)?;
@@ -115,7 +116,7 @@ pub(crate) fn jpeg(frame: &Frame) -> Result<Vec<u8>, ExportError> {
     Ok(file)
 }
 
-/// A PNG file of some texels; each row is predicted from what suits it.
+/// Encodes texels as a PNG file with adaptive filters.
 fn png(
     texels: &[[u8; 4]],
     [width, height]: [u32; 2],

@@ -1,5 +1,5 @@
-//! A capture as textured quadrilaterals: pictures on planes, and sheets of samples cut where a
-//! plane no longer holds them.
+//! Captures as textured quadrilaterals: plane textures, and sheets of samples that are split until
+//! a plane fits them.
 
 use super::atlas::AtlasPicture;
 use super::sheets::{SHEET_COLUMNS, SHEET_ROWS, SurfaceSheet};
@@ -9,48 +9,48 @@ use headbox_core::cube_face::Face;
 use headbox_cube::pack::CubeLdi;
 use rayon::prelude::*;
 
-/// By how much of a pixel a quadrilateral is larger than its samples, so that neighbours leave no
-/// crack.
+/// Width, pixels, by which a quadrilateral exceeds its samples on every side, so that neighbours
+/// leave no crack.
 const OVERLAP_PX: f64 = 0.1;
-/// By how much of a pixel a texel may be elsewhere than its sample; what is open at the rims of
-/// textures would leave cracks between them.
+/// Largest displacement of a texel from its sample, pixels; transparent texels at the rims of
+/// textures would leave cracks otherwise.
 const TEXEL_ERROR_PX: f64 = 0.25;
-/// By how much inverse depth at the corners of a quadrilateral may lie beyond that of its samples,
-/// as a share: it must not stand out of leaves that lie at a slant to each other.
-const BEYOND: f64 = 0.02;
-/// Weight of the samples' own slopes in a fit, for each sample.
+/// Share by which inverse depth at the corners of a quadrilateral may exceed the range of its
+/// samples: it must not stick out of leaves that are slanted to each other.
+const MAX_EXTRAPOLATION: f64 = 0.02;
+/// Weight of the samples' own slopes in a fit, per sample.
 const SLOPE_WEIGHT: f64 = 0.02;
 
-/// A part of a picture in space.
+/// Quadrilateral in space with its texture coordinates.
 #[derive(Clone, Copy)]
 pub(super) struct Quad {
-    /// Upper left, upper right, lower left, lower right; metres from the centre.
+    /// Upper left, upper right, lower left, lower right corner; metres from the centre.
     pub(super) corners: [DVec3; 4],
-    /// The same corners on the picture, its pixels.
+    /// The same corners in the texture, pixels.
     pub(super) texels: [[f64; 2]; 4],
 }
 
-/// A picture and where its parts lie in space.
+/// Texture and the quadrilaterals that show its parts ("chart").
 pub(super) struct TexturedQuads {
     pub(super) picture: AtlasPicture,
     pub(super) quads: Vec<Quad>,
     /// True if every texel is opaque.
     pub(super) opaque: bool,
-    /// Number of samples that it shows, px.
+    /// Number of samples in the texture.
     pub(super) samples: u32,
 }
 
-/// Returns true if texels stay in place although engines spread them evenly over a receding
-/// quadrilateral. For a length L whose ends are at distances of ratio r, the middle is off by L (r
-/// - 1) / (2 (r + 1)).
-fn holds_texels(length_px: f64, [q0, q1]: [f64; 2]) -> bool {
+/// Returns true if texels stay in place although engines interpolate them linearly over a receding
+/// quadrilateral: over a length L with end distances of ratio r, the middle is displaced by L (r -
+/// 1) / (2 (r + 1)).
+fn keeps_texels_in_place(length_px: f64, [q0, q1]: [f64; 2]) -> bool {
     let ratio = q0.max(q1) / q0.min(q1);
     length_px * (ratio - 1.0) / (2.0 * (ratio + 1.0)) <= TEXEL_ERROR_PX
 }
 
-/// Charts of sheets, whose quadrilaterals show no sample elsewhere by more than `error_px` face
-/// pixels to an eye in the headbox.
-pub(super) fn of_sheets(
+/// Makes charts of sheets. Seen from the headbox, no sample is displaced by more than `error_px`
+/// face pixels.
+pub(super) fn sheet_charts(
     cube: &CubeLdi,
     sheets: &[SurfaceSheet],
     error_px: f64,
@@ -62,16 +62,16 @@ pub(super) fn of_sheets(
         .collect()
 }
 
-/// Inverse depth on a face as coefficients of (1, x, y).
+/// Inverse depth as a plane over a face: coefficients of (1, x, y).
 type Affine = DVec3;
 
-/// A rectangle of a face with corners where an affine inverse depth says, within bounds.
+/// Rectangle of a face that becomes a quadrilateral.
 struct Rectangle {
     face: Face,
     face_px: u32,
     /// Left, top, right, bottom, face pixels.
     sides: [f64; 4],
-    /// Face position of the picture's corner.
+    /// Face position of the texture's upper left corner.
     picture: [f64; 2],
 }
 
@@ -89,13 +89,13 @@ impl Rectangle {
     }
 }
 
-/// Charts of the pictures on planes.
-pub(super) fn of_planes(cube: &CubeLdi) -> Vec<TexturedQuads> {
+/// Makes charts of the plane textures.
+pub(super) fn plane_charts(cube: &CubeLdi) -> Vec<TexturedQuads> {
     let (set, face_px) = (&cube.planes, cube.face_size_px);
-    let infinity = super::surfels::infinity(cube);
+    let min_inverse_depth = super::surfels::min_inverse_depth(cube);
     let chart = |tile: &headbox_cube::pack::PlaneTile| {
         let (width, height) = (usize::from(tile.width), usize::from(tile.height));
-        let picture = framed(set.texels.get(tile.texel_range())?, width, height);
+        let picture = with_border(set.texels.get(tile.texel_range())?, width, height);
         let face = Face::ALL[usize::from(tile.face) % 6];
         let inverse_depth = Affine::from(
             set.planes
@@ -111,7 +111,7 @@ pub(super) fn of_planes(cube: &CubeLdi) -> Vec<TexturedQuads> {
             sides: [x0, y0, right, bottom],
             picture: [x0 - 1.0, y0 - 1.0],
         };
-        cut_plane(whole, inverse_depth, infinity, &mut quads);
+        split_plane(whole, inverse_depth, min_inverse_depth, &mut quads);
         Some(TexturedQuads {
             picture,
             quads,
@@ -122,9 +122,9 @@ pub(super) fn of_planes(cube: &CubeLdi) -> Vec<TexturedQuads> {
     set.tiles.par_iter().filter_map(chart).collect()
 }
 
-/// A picture on a plane with straight colours, and around it once more its outermost texels: the
-/// renderer's tents reach beyond them to what comes next, here half a texel has to do.
-fn framed(texels: &[[u8; 4]], width: usize, height: usize) -> AtlasPicture {
+/// Makes a plane texture with straight alpha and a border that repeats its outermost texels: the
+/// renderer's tents reach from there to the next surface, here half a texel must suffice.
+fn with_border(texels: &[[u8; 4]], width: usize, height: usize) -> AtlasPicture {
     let inside = |i: usize, length: usize| i.saturating_sub(1).min(length.saturating_sub(1));
     let rows = (0..height + 2).map(|row| inside(row, height) * width);
     let framed = rows.flat_map(|start| {
@@ -135,19 +135,19 @@ fn framed(texels: &[[u8; 4]], width: usize, height: usize) -> AtlasPicture {
         height: height + 2,
         texels: framed.collect(),
     };
-    spread(&mut picture);
+    fill_transparent(&mut picture);
     picture
 }
 
-/// Cuts a rectangle until its texels are where they belong.
-fn cut_plane(whole: Rectangle, inverse_depth: Affine, least: f64, to: &mut Vec<Quad>) {
+/// Splits a rectangle until its texels are in place.
+fn split_plane(whole: Rectangle, inverse_depth: Affine, least: f64, to: &mut Vec<Quad>) {
     let [left, top, right, bottom] = whole.sides;
     let q = |x: f64, y: f64| inverse_depth.dot(dvec3(1.0, x, y)).max(least);
     let across = [q(left, top), q(right, top)];
     let down = [q(left, top), q(left, bottom)];
     let holds = [
-        holds_texels(right - left, across),
-        holds_texels(bottom - top, down),
+        keeps_texels_in_place(right - left, across),
+        keeps_texels_in_place(bottom - top, down),
     ];
     let halves = |at: usize| {
         let middle = f64::midpoint(whole.sides[at], whole.sides[at + 2]);
@@ -161,29 +161,29 @@ fn cut_plane(whole: Rectangle, inverse_depth: Affine, least: f64, to: &mut Vec<Q
         _ => return to.push(whole.quad(inverse_depth, [least, f64::INFINITY])),
     };
     for sides in cut {
-        cut_plane(Rectangle { sides, ..whole }, inverse_depth, least, to);
+        split_plane(Rectangle { sides, ..whole }, inverse_depth, least, to);
     }
 }
 
-/// Column, row, and inverse depth with its change to the right and below.
-type Placed = (usize, usize, [f64; 3]);
+/// Column, row, and inverse depth with its change per pixel right and down.
+type PlacedSample = (usize, usize, [f64; 3]);
 
-/// A sheet that is being cut.
-struct SheetCut<'a> {
+/// Splitting of a sheet into quadrilaterals.
+struct SheetSplitter<'a> {
     sheet: &'a SurfaceSheet,
     face_px: u32,
-    /// In inverse depth, 1/m.
+    /// Largest error of inverse depth, 1/m.
     tolerance: f64,
 }
 
 fn sheet_chart(cube: &CubeLdi, sheet: &SurfaceSheet, tolerance: f64) -> TexturedQuads {
-    let cut = SheetCut {
+    let splitter = SheetSplitter {
         sheet,
         face_px: cube.face_size_px,
         tolerance,
     };
     let mut quads = Vec::new();
-    cut.cut([1, 1, SHEET_COLUMNS - 1, SHEET_ROWS - 1], &mut quads);
+    splitter.split([1, 1, SHEET_COLUMNS - 1, SHEET_ROWS - 1], &mut quads);
     let texels: Vec<[u8; 4]> = sheet
         .entries
         .iter()
@@ -195,7 +195,7 @@ fn sheet_chart(cube: &CubeLdi, sheet: &SurfaceSheet, tolerance: f64) -> Textured
         height: SHEET_ROWS,
         texels,
     };
-    spread(&mut picture);
+    fill_transparent(&mut picture);
     TexturedQuads {
         picture,
         quads,
@@ -204,9 +204,9 @@ fn sheet_chart(cube: &CubeLdi, sheet: &SurfaceSheet, tolerance: f64) -> Textured
     }
 }
 
-/// Gives texels without a sample the mean colour of those beside them, so that rims do not darken
-/// between texels.
-fn spread(
+/// Fills texels without a sample by the mean colour of their neighbours, so that filtering does not
+/// darken rims.
+fn fill_transparent(
     AtlasPicture {
         width,
         height,
@@ -238,29 +238,32 @@ fn spread(
     }
 }
 
-impl SheetCut<'_> {
-    /// Inverse depth of an entry, and its change to the right and below.
+impl SheetSplitter<'_> {
+    /// Returns the inverse depth of an entry, and its change per pixel right and down.
     fn sample(&self, column: usize, row: usize) -> Option<[f64; 3]> {
         let entry = self.sheet.entries[row * SHEET_COLUMNS + column]?;
         Some([entry.inverse_depth, entry.slopes[0], entry.slopes[1]])
     }
 
-    /// The middle of an entry on the face.
-    fn at(&self, column: usize, row: usize) -> [f64; 2] {
+    /// Returns the centre of an entry on the face.
+    fn centre(&self, column: usize, row: usize) -> [f64; 2] {
         [
             self.sheet.origin[0] + column as f64 + 0.5,
             self.sheet.origin[1] + row as f64 + 0.5,
         ]
     }
 
-    /// Cuts entries (left, top, right, bottom) until a plane holds the samples among them.
-    fn cut(&self, [left, top, right, bottom]: [usize; 4], to: &mut Vec<Quad>) {
-        let samples: Vec<Placed> = (top..bottom)
+    /// Splits entries (left, top, right, bottom) until a plane fits the samples among them.
+    fn split(&self, [left, top, right, bottom]: [usize; 4], to: &mut Vec<Quad>) {
+        let samples: Vec<PlacedSample> = (top..bottom)
             .flat_map(|row| (left..right).map(move |column| (column, row)))
             .filter_map(|(column, row)| Some((column, row, self.sample(column, row)?)))
             .collect();
-        let bound = |of: fn(&Placed) -> usize| {
-            let ends = (samples.iter().map(of).min(), samples.iter().map(of).max());
+        let bound = |index: fn(&PlacedSample) -> usize| {
+            let ends = (
+                samples.iter().map(index).min(),
+                samples.iter().map(index).max(),
+            );
             ends.0.zip(ends.1)
         };
         let (Some((left, last_column)), Some((top, last_row))) = (bound(|s| s.0), bound(|s| s.1))
@@ -271,13 +274,13 @@ impl SheetCut<'_> {
         let plane = self.fit(&samples);
         let (mut least, mut most, mut off) = (f64::INFINITY, 0.0f64, 0.0f64);
         for (column, row, [q, ..]) in &samples {
-            let [x, y] = self.at(*column, *row);
+            let [x, y] = self.centre(*column, *row);
             (least, most) = (least.min(*q), most.max(*q));
             off = off.max((plane.dot(dvec3(1.0, x, y)) - q).abs());
         }
         let single = right - left == 1 && bottom - top == 1;
         let longer = (right - left).max(bottom - top) as f64;
-        let holds = off <= self.tolerance && holds_texels(longer, [least, most]);
+        let holds = off <= self.tolerance && keeps_texels_in_place(longer, [least, most]);
         if single || holds {
             let [x, y] = self.sheet.origin;
             let sides = [
@@ -292,25 +295,32 @@ impl SheetCut<'_> {
                 sides,
                 picture: self.sheet.origin,
             };
-            // A plane of few samples must not run away at their rim.
-            to.push(rectangle.quad(plane, [least * (1.0 - BEYOND), most * (1.0 + BEYOND)]));
+            // The plane of few samples must not extrapolate at their rim.
+            to.push(rectangle.quad(
+                plane,
+                [
+                    least * (1.0 - MAX_EXTRAPOLATION),
+                    most * (1.0 + MAX_EXTRAPOLATION),
+                ],
+            ));
         } else if right - left >= bottom - top {
             let middle = usize::midpoint(left, right);
-            self.cut([left, top, middle, bottom], to);
-            self.cut([middle, top, right, bottom], to);
+            self.split([left, top, middle, bottom], to);
+            self.split([middle, top, right, bottom], to);
         } else {
             let middle = usize::midpoint(top, bottom);
-            self.cut([left, top, right, middle], to);
-            self.cut([left, middle, right, bottom], to);
+            self.split([left, top, right, middle], to);
+            self.split([left, middle, right, bottom], to);
         }
     }
 
-    /// The plane of some samples by least squares, drawn a little to their mean slope, which
-    /// decides where they lie in a line.
-    fn fit(&self, samples: &[Placed]) -> Affine {
+    /// Fits a plane to some samples by least squares, with a small weight on their mean slope,
+    /// which decides where they lie on a line.
+    fn fit(&self, samples: &[PlacedSample]) -> Affine {
         let count = samples.len().max(1) as f64;
-        let mean = |of: &dyn Fn(&Placed) -> f64| samples.iter().map(of).sum::<f64>() / count;
-        let [middle_x, middle_y] = [0, 1].map(|i| mean(&|s| self.at(s.0, s.1)[i]));
+        let mean =
+            |value: &dyn Fn(&PlacedSample) -> f64| samples.iter().map(value).sum::<f64>() / count;
+        let [middle_x, middle_y] = [0, 1].map(|i| mean(&|s| self.centre(s.0, s.1)[i]));
         let [q, slope_x, slope_y] = [0, 1, 2].map(|i| mean(&|s| s.2[i]));
         let prior = SLOPE_WEIGHT * count;
         let (mut matrix, mut right) = (
@@ -318,7 +328,7 @@ impl SheetCut<'_> {
             dvec3(0.0, slope_x, slope_y) * prior,
         );
         for (column, row, [q, ..]) in samples {
-            let [x, y] = self.at(*column, *row);
+            let [x, y] = self.centre(*column, *row);
             let v = dvec3(1.0, x - middle_x, y - middle_y);
             matrix += DMat3::from_cols(v * v.x, v * v.y, v * v.z);
             right += v * *q;
@@ -373,7 +383,7 @@ mod tests {
     fn walls_are_quadrilaterals_on_their_planes() {
         let face_px = 64;
         let cube = two_walls(face_px);
-        let charts = of_sheets(&cube, &crate::sheets::sheets(&cube), 0.5);
+        let charts = sheet_charts(&cube, &crate::sheets::sheets(&cube), 0.5);
         let mut area = [0.0; 2];
         for quad in charts.iter().flat_map(|chart| &chart.quads) {
             let wall = usize::from(quad.corners[0].z < -3.0);

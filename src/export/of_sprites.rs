@@ -1,5 +1,4 @@
-//! Sprites with depth as a cube LDI about the eye that took them, so that what takes a cube takes
-//! them.
+//! Conversion of sprites with depth to a cube LDI about their common eye, for exports of cubes.
 
 use super::ExportError;
 use glam::DVec3;
@@ -13,15 +12,15 @@ use headbox_cube::planes::DEFAULT_ERROR_PX;
 use headbox_sprite::{SpriteSet, SpriteWithDepth};
 use rayon::prelude::*;
 
-/// Half of the headbox's edge over the distance of what is nearest: sprites tell of what is seen
-/// from about one side only.
+/// Half of the headbox's edge over the distance of the nearest surface: sprites only know surfaces
+/// from about one side.
 const HEADBOX_SHARE: f64 = 0.15;
-/// The widest face, px.
+/// Maximum size of a face, px.
 const MAX_FACE_PX: u32 = 2048;
-/// Eyes that are this share of half the headbox's edge apart took the same view.
+/// Eyes nearer than this share of half the headbox's edge count as one.
 const SAME_EYE: f64 = 1e-5;
 
-/// Half of the edge of a headbox for sprites, metres.
+/// Chooses half of the edge of a headbox for sprites, metres.
 ///
 /// # Errors
 /// [`ExportError::Empty`] if there is no surface before the eye.
@@ -29,23 +28,23 @@ pub(super) fn half_size_m(set: &SpriteSet) -> Result<f64, ExportError> {
     let depths = set
         .sprites()
         .iter()
-        .flat_map(|sprite| View::new(sprite.sprite()).inverse_depths);
+        .flat_map(|sprite| SpriteSampler::new(sprite.sprite()).inverse_depths);
     match depths.fold(0.0, f64::max) {
         highest if highest > 0.0 => Ok(HEADBOX_SHARE / highest),
         _ => Err(ExportError::Empty),
     }
 }
 
-/// The cube.
+/// Converts sprites to a cube LDI.
 ///
 /// # Errors
 /// [`ExportError::Empty`], [`ExportError::Eyes`] if sprites were taken from several places,
 /// [`ExportError::Pack`].
 pub fn cube(set: &SpriteSet) -> Result<CubeLdi, ExportError> {
-    let views: Vec<View> = set
+    let views: Vec<SpriteSampler> = set
         .sprites()
         .iter()
-        .map(|sprite| View::new(sprite.sprite()))
+        .map(|sprite| SpriteSampler::new(sprite.sprite()))
         .collect();
     let first = views.first().ok_or(ExportError::Empty)?;
     let half_size_m = half_size_m(set)?;
@@ -56,7 +55,7 @@ pub fn cube(set: &SpriteSet) -> Result<CubeLdi, ExportError> {
     {
         return Err(ExportError::Eyes);
     }
-    // A face pixel in the middle of a face is as wide as a pixel of the sharpest picture.
+    // A pixel at a face's centre is as wide as a pixel of the sharpest image.
     let focal_px = views
         .iter()
         .map(|view| view.camera.focal_px())
@@ -64,7 +63,7 @@ pub fn cube(set: &SpriteSet) -> Result<CubeLdi, ExportError> {
     let face_px = ((2.0 * focal_px).ceil() as u32).clamp(16, MAX_FACE_PX);
     let faces: Vec<LayeredDepthImage> = Face::ALL
         .into_par_iter()
-        .map(|face| face_of(&views, face, face_px))
+        .map(|face| sample_face(&views, face, face_px))
         .collect();
     let info = CaptureInfo {
         scene: set.info.source.clone(),
@@ -88,14 +87,14 @@ pub fn cube(set: &SpriteSet) -> Result<CubeLdi, ExportError> {
     )?)
 }
 
-/// A sprite, and 1/Z at its displacements, 1/m; 0 where it shows nothing.
-struct View<'a> {
+/// Sprite, and inverse eye depth at its displacements, 1/m; 0 where it is transparent.
+struct SpriteSampler<'a> {
     sprite: &'a SpriteWithDepth,
     camera: &'a Camera,
     inverse_depths: Vec<f64>,
 }
 
-impl<'a> View<'a> {
+impl<'a> SpriteSampler<'a> {
     fn new(sprite: &'a SpriteWithDepth) -> Self {
         let (columns, rows) = sprite.displacement().size();
         let cells = (0..rows).flat_map(|y| (0..columns).map(move |x| (x, y)));
@@ -109,7 +108,7 @@ impl<'a> View<'a> {
         }
     }
 
-    /// Samples the sprites in a direction from the eye.
+    /// Samples the sprite in a direction from the eye.
     fn sample(&self, face: Face, direction: DVec3) -> Option<DepthPixel> {
         let [x, y, _] = self.camera.project(self.camera.eye() + direction)?;
         let color_srgb = self.color(x, y)?;
@@ -130,7 +129,7 @@ impl<'a> View<'a> {
         })
     }
 
-    /// Straight alpha, between four pixels.
+    /// Interpolates the colour bilinearly, straight alpha.
     fn color(&self, x: f64, y: f64) -> Option<[u8; 4]> {
         let picture = self.sprite.sprite().color();
         let (width, height) = picture.dimensions();
@@ -145,9 +144,9 @@ impl<'a> View<'a> {
             (0.0, 1.0, (1.0 - u) * v),
             (1.0, 1.0, u * v),
         ] {
-            let inside = |c: f64, side: u32| c.clamp(0.0, f64::from(side - 1)) as u32;
+            let clamp = |c: f64, side: u32| c.clamp(0.0, f64::from(side - 1)) as u32;
             let [r, g, b, a] = picture
-                .get_pixel(inside(left + dx, width), inside(top + dy, height))
+                .get_pixel(clamp(left + dx, width), clamp(top + dy, height))
                 .0
                 .map(f64::from);
             [r * a, g * a, b * a, a]
@@ -168,11 +167,11 @@ impl<'a> View<'a> {
             .filter(|q| *q > 0.0 && column < columns && row < rows)
     }
 
-    /// The normal of the surface at a displacement, toward the eye: where inverse depth changes by
-    /// `a` and `b` a pixel to the right and below, the plane is (a f, -b f, ...) in the camera's
-    /// axes, and `n . ray` is proportional to inverse depth.
+    /// Estimates the normal of the surface at a displacement, toward the eye: where inverse depth
+    /// changes by `a` and `b` a pixel to the right and below, the plane is (a f, -b f, ...) in the
+    /// camera's axes, and `n . ray` is proportional to inverse depth.
     fn normal(&self, column: u32, row: u32, q: f64, ray: DVec3) -> DVec3 {
-        // Over a gap the side that changes less is the surface's own.
+        // At a depth edge, the side that changes less belongs to the same surface.
         let change = |before: Option<f64>, after: Option<f64>| {
             let steps = [
                 before.map(|before| q - before),
@@ -185,8 +184,8 @@ impl<'a> View<'a> {
                 .unwrap_or(0.0)
         };
         let at = |dx: i64, dy: i64| {
-            let place = |c: u32, d: i64| u32::try_from(i64::from(c) + d).ok();
-            self.inverse_depth(place(column, dx)?, place(row, dy)?)
+            let offset = |c: u32, d: i64| u32::try_from(i64::from(c) + d).ok();
+            self.inverse_depth(offset(column, dx)?, offset(row, dy)?)
         };
         let (columns, rows) = self.sprite.displacement().size();
         let per_radian = [
@@ -202,7 +201,7 @@ impl<'a> View<'a> {
     }
 }
 
-fn face_of(views: &[View], face: Face, face_px: u32) -> LayeredDepthImage {
+fn sample_face(views: &[SpriteSampler], face: Face, face_px: u32) -> LayeredDepthImage {
     let mut image = LayeredDepthImage::empty(face, face_px);
     for at in 0..face_px * face_px {
         let direction = face.direction(

@@ -1,5 +1,4 @@
-//! All directions about an eye in one picture: equirectangular, as players of 360-degree films have
-//! it.
+//! Equirectangular panoramas, as players of 360-degree films expect them.
 
 use glam::{DMat3, DVec3};
 use headbox_core::camera::{Camera, CameraError};
@@ -9,15 +8,14 @@ use image::RgbImage;
 use std::f64::consts::{PI, TAU};
 use std::ops::Range;
 
-/// By how much a face is wider than 90 degrees, as a share: pixels between two faces have
-/// neighbours on either.
+/// Width of a face relative to 90 degrees: pixels between two faces have neighbours on either.
 const OVERLAP: f64 = 1.02;
 
-/// A picture of all directions about the eye of a camera, which looks at its middle; level, twice
-/// as wide as high. `draw` makes a frame of a camera.
+/// Renders all directions about a camera's eye, centred on its heading; level, twice as wide as
+/// high. `draw` renders the frame of a camera.
 ///
 /// # Errors
-/// [`CameraError`], and what `draw` reports.
+/// [`CameraError`], and errors of `draw`.
 pub fn equirectangular<E: From<CameraError>>(
     camera: &Camera,
     height: u32,
@@ -26,11 +24,11 @@ pub fn equirectangular<E: From<CameraError>>(
     columns(camera, height, 0..2 * height, draw)
 }
 
-/// Renders the half sphere before a camera, 180 by 180 degrees: the middle half of
+/// Renders the half sphere in front of a camera, 180 by 180 degrees: the middle half of
 /// [`equirectangular`].
 ///
 /// # Errors
-/// [`CameraError`], and what `draw` reports.
+/// [`CameraError`], and errors of `draw`.
 pub fn half_sphere<E: From<CameraError>>(
     camera: &Camera,
     height: u32,
@@ -40,16 +38,15 @@ pub fn half_sphere<E: From<CameraError>>(
     columns(camera, height, first..first + height, draw)
 }
 
-/// Some columns of the picture of all directions; only faces of a cube that they look through are
-/// drawn.
+/// Renders some columns of the panorama; only draws the cube faces that these columns sample.
 fn columns<E: From<CameraError>>(
     camera: &Camera,
     height: u32,
     columns: Range<u32>,
     mut draw: impl FnMut(&Camera) -> Result<RgbImage, E>,
 ) -> Result<RgbImage, E> {
-    let world_from_level = level(camera);
-    // A face has as many pixels a degree in its middle as the panorama at its horizon, twice.
+    let world_from_level = level_axes(camera);
+    // A face has twice as many pixels per degree at its centre as the panorama at its horizon.
     let size = (f64::from(height) * 4.0 / PI).ceil().max(16.0) as u32;
     let focal_px = f64::from(size) / 2.0 / OVERLAP;
     let located = |x: u32, y: u32| {
@@ -77,15 +74,15 @@ fn columns<E: From<CameraError>>(
     }))
 }
 
-/// The axes of a picture whose middle is where a camera looks, but level: right, up, back.
-pub(super) fn level(camera: &Camera) -> DMat3 {
+/// Returns the axes of a panorama centred on a camera's heading, but level: right, up, back.
+pub(super) fn level_axes(camera: &Camera) -> DMat3 {
     let ahead = DVec3::new(camera.forward().x, 0.0, camera.forward().z)
         .try_normalize()
         .unwrap_or(DVec3::NEG_Z);
     DMat3::from_cols(ahead.cross(DVec3::Y), DVec3::Y, -ahead)
 }
 
-/// The direction of a position in pixels; the middle looks along -Z.
+/// Returns the direction of a position in pixels; the centre looks along -Z.
 fn direction([x, y]: [f64; 2], height: f64) -> DVec3 {
     let (longitude, latitude) = ((x / (2.0 * height) - 0.5) * TAU, (0.5 - y / height) * PI);
     DVec3::new(
@@ -98,11 +95,11 @@ fn direction([x, y]: [f64; 2], height: f64) -> DVec3 {
 pub(super) fn bilinear(picture: &RgbImage, [x, y]: [f32; 2]) -> image::Rgb<u8> {
     let (left, top) = (x.floor(), y.floor());
     let at = |dx: f32, dy: f32| {
-        let inside = |v: f32, size: u32| v.clamp(0.0, size as f32 - 1.0) as u32;
+        let clamp = |v: f32, size: u32| v.clamp(0.0, size as f32 - 1.0) as u32;
         picture
             .get_pixel(
-                inside(left + dx, picture.width()),
-                inside(top + dy, picture.height()),
+                clamp(left + dx, picture.width()),
+                clamp(top + dy, picture.height()),
             )
             .0
             .map(f32::from)

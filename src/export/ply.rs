@@ -1,4 +1,4 @@
-//! PLY files of plain points, and the head of all PLY files.
+//! PLY files of points, and the header of all PLY files.
 
 use super::ExportError;
 use crate::surfels;
@@ -15,7 +15,7 @@ pub fn write_points(cube: &CubeLdi, to: &mut dyn Write) -> Result<(), ExportErro
     ]
     .into_iter();
     let colors = ["uchar red", "uchar green", "uchar blue", "uchar alpha"];
-    header(
+    write_header(
         to,
         cube,
         surfels::count(cube, false),
@@ -39,7 +39,7 @@ pub fn write_points(cube: &CubeLdi, to: &mut dyn Write) -> Result<(), ExportErro
     Ok(())
 }
 
-pub(super) fn header<'a>(
+pub(super) fn write_header<'a>(
     to: &mut dyn Write,
     cube: &CubeLdi,
     count: u64,

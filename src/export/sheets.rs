@@ -1,14 +1,13 @@
-//! The samples of a cube as small images of surfaces, which a mesh can follow.
+//! Sheets: the samples of a cube as small images of one surface each, which a mesh can follow.
 //!
-//! A face is cut into places of [`PLACE_COLUMNS`] x [`PLACE_ROWS`] pixels. The samples of a place
-//! are dealt out to *sheets*, images with at most one sample a pixel, such that samples that lie
-//! beside each other on one surface lie beside each other on one sheet. A sheet has a border of one
-//! pixel on all sides, with the samples of the places around, so that textures meet.
+//! A face is divided into tiles of [`TILE_COLUMNS`] x [`TILE_ROWS`] pixels. The samples of a tile
+//! are distributed to *sheets*, images with at most one sample per pixel, such that adjacent
+//! samples of one surface are adjacent on one sheet. A sheet has a border of one pixel on all sides
+//! with the samples of the surrounding tiles, so that textures meet.
 
+use crate::pieces::SurfaceTest;
 use headbox_core::cube_face::Face;
-use headbox_cube::model::depth_bins::DepthBins;
 use headbox_cube::pack::{CubeLdi, PackedSegment};
-use headbox_cube::render::canvas::surface::SurfaceCanvas;
 use headbox_cube::render::footprint::rules::MAX_SLOPE;
 use rayon::prelude::*;
 
@@ -18,63 +17,59 @@ pub(super) const SHEET_COLUMNS: usize = 32;
 pub(super) const SHEET_ROWS: usize = 16;
 /// Entries of a sheet.
 pub(super) const SHEET_LEN: usize = SHEET_COLUMNS * SHEET_ROWS;
-const PLACE_COLUMNS: u32 = SHEET_COLUMNS as u32 - 2;
-const PLACE_ROWS: u32 = SHEET_ROWS as u32 - 2;
+const TILE_COLUMNS: u32 = SHEET_COLUMNS as u32 - 2;
+const TILE_ROWS: u32 = SHEET_ROWS as u32 - 2;
 
-/// A sample on a sheet.
+/// Sample on a sheet.
 #[derive(Clone, Copy)]
 pub(super) struct SheetSample {
-    /// 1/m.
+    /// Inverse depth, 1/m.
     pub(super) inverse_depth: f64,
-    /// Change of the inverse depth over one pixel to the right and below on the sample's plane,
-    /// 1/m.
+    /// Change of the inverse depth per pixel right and down on the sample's plane, 1/m.
     pub(super) slopes: [f64; 2],
     /// sRGB, straight alpha.
     pub(super) color_srgb: [u8; 4],
 }
 
-/// One image of surfaces.
+/// Image of one surface.
 pub(super) struct SurfaceSheet {
     pub(super) face: Face,
-    /// Face position of its upper left corner; -1 where a border lies beyond the face.
+    /// Face position of its upper left corner; -1 where the border is outside of the face.
     pub(super) origin: [f64; 2],
     /// [`SHEET_LEN`] entries, row by row.
     pub(super) entries: Vec<Option<SheetSample>>,
-    /// Samples inside the border.
+    /// Number of samples inside the border.
     pub(super) samples: u32,
 }
 
-/// All sheets of a cube that hold samples inside their borders.
+/// Makes all sheets of a cube with samples inside their borders.
 pub(super) fn sheets(cube: &CubeLdi) -> Vec<SurfaceSheet> {
-    let places = Face::ALL.into_iter().flat_map(|face| {
-        let rows = 0..cube.face_size_px.div_ceil(PLACE_ROWS);
+    let tiles = Face::ALL.into_iter().flat_map(|face| {
+        let rows = 0..cube.face_size_px.div_ceil(TILE_ROWS);
         rows.flat_map(move |row| {
-            let columns = 0..cube.face_size_px.div_ceil(PLACE_COLUMNS);
-            columns.map(move |column| (face, column * PLACE_COLUMNS, row * PLACE_ROWS))
+            let columns = 0..cube.face_size_px.div_ceil(TILE_COLUMNS);
+            columns.map(move |column| (face, column * TILE_COLUMNS, row * TILE_ROWS))
         })
     });
-    let places: Vec<_> = places.collect();
-    let of_place = |(face, x0, y0): &(Face, u32, u32)| place(cube, *face, *x0, *y0);
-    places
+    let tiles: Vec<_> = tiles.collect();
+    let tile_sheets = |(face, x0, y0): &(Face, u32, u32)| sheets_of_tile(cube, *face, *x0, *y0);
+    tiles
         .par_iter()
-        .map(of_place)
+        .map(tile_sheets)
         .collect::<Vec<_>>()
         .into_iter()
         .flatten()
         .collect()
 }
 
-fn place(cube: &CubeLdi, face: Face, x0: u32, y0: u32) -> Vec<SurfaceSheet> {
+fn sheets_of_tile(cube: &CubeLdi, face: Face, x0: u32, y0: u32) -> Vec<SurfaceSheet> {
     let segments: Vec<&PackedSegment> = cube
         .segments
         .iter()
         .filter(|segment| segment.face == face)
         .collect();
-    let dealer = Dealer {
-        tolerance: f64::from(SurfaceCanvas::tolerance(cube.face_size_px)),
-        bin: DepthBins::new(cube.info.half_size_m, cube.face_size_px).inverse_depth(1.0),
-    };
-    let mut dealt: Vec<Vec<Option<SheetSample>>> = Vec::new();
+    let surfaces = SurfaceTest::new(cube);
+    let mut sheet_entries: Vec<Vec<Option<SheetSample>>> = Vec::new();
     for at in 0..SHEET_LEN {
         let (column, row) = ((at % SHEET_COLUMNS) as u32, (at / SHEET_COLUMNS) as u32);
         let Some((x, y)) = (x0 + column).checked_sub(1).zip((y0 + row).checked_sub(1)) else {
@@ -84,14 +79,14 @@ fn place(cube: &CubeLdi, face: Face, x0: u32, y0: u32) -> Vec<SurfaceSheet> {
             .iter()
             .flat_map(|segment| entries(cube, segment, x, y))
             .collect();
-        dealer.deal(&samples, at, &mut dealt);
+        place_samples(&samples, at, &surfaces, &mut sheet_entries);
     }
     let inside = |at: usize| {
         (1..SHEET_COLUMNS - 1).contains(&(at % SHEET_COLUMNS))
             && (1..SHEET_ROWS - 1).contains(&(at / SHEET_COLUMNS))
     };
     let origin = [f64::from(x0) - 1.0, f64::from(y0) - 1.0];
-    let sheets = dealt.into_iter().map(|entries| {
+    let sheets = sheet_entries.into_iter().map(|entries| {
         let samples = entries
             .iter()
             .enumerate()
@@ -107,7 +102,7 @@ fn place(cube: &CubeLdi, face: Face, x0: u32, y0: u32) -> Vec<SurfaceSheet> {
     sheets.filter(|sheet| sheet.samples > 0).collect()
 }
 
-/// The samples of a face pixel in a segment.
+/// Returns the samples of a face pixel in a segment.
 fn entries<'a>(
     cube: &'a CubeLdi,
     segment: &'a PackedSegment,
@@ -137,51 +132,44 @@ fn entries<'a>(
     })
 }
 
-/// Assignment of samples to surfaces.
-struct Dealer {
-    tolerance: f64,
-    bin: f64,
-}
-
-impl Dealer {
-    fn connects(&self, a: f64, b: f64) -> bool {
-        (a - b).abs() <= (a.max(b) * self.tolerance).max(self.bin)
-    }
-
-    /// Deals the samples of one pixel out: first those that go on a surface, each to the sheet
-    /// where it does best, then the others to sheets that are still free there.
-    fn deal(&self, samples: &[SheetSample], at: usize, sheets: &mut Vec<Vec<Option<SheetSample>>>) {
-        let mut placed = vec![false; samples.len()];
-        let (column, row) = (at % SHEET_COLUMNS, at / SHEET_COLUMNS);
-        let before = [
-            (column > 0).then(|| at - 1),
-            (row > 0).then(|| at - SHEET_COLUMNS),
-            (row > 0 && column + 1 < SHEET_COLUMNS).then(|| at + 1 - SHEET_COLUMNS),
-        ];
-        for sheet in sheets.iter_mut() {
-            let mut best = None;
-            for near in before.into_iter().flatten().filter_map(|at| sheet[at]) {
-                for (i, sample) in samples.iter().enumerate().filter(|(i, _)| !placed[*i]) {
-                    let apart = (near.inverse_depth - sample.inverse_depth).abs();
-                    let is_best = best.is_none_or(|(least, _)| apart < least);
-                    if is_best && self.connects(near.inverse_depth, sample.inverse_depth) {
-                        best = Some((apart, i));
-                    }
+/// Places the samples of one pixel: first, on each sheet, the sample that best continues an adjacent
+/// surface, then the others on sheets that are still empty there.
+fn place_samples(
+    samples: &[SheetSample],
+    at: usize,
+    surfaces: &SurfaceTest,
+    sheets: &mut Vec<Vec<Option<SheetSample>>>,
+) {
+    let mut placed = vec![false; samples.len()];
+    let (column, row) = (at % SHEET_COLUMNS, at / SHEET_COLUMNS);
+    let before = [
+        (column > 0).then(|| at - 1),
+        (row > 0).then(|| at - SHEET_COLUMNS),
+        (row > 0 && column + 1 < SHEET_COLUMNS).then(|| at + 1 - SHEET_COLUMNS),
+    ];
+    for sheet in sheets.iter_mut() {
+        let mut best = None;
+        for near in before.into_iter().flatten().filter_map(|at| sheet[at]) {
+            for (i, sample) in samples.iter().enumerate().filter(|(i, _)| !placed[*i]) {
+                let difference = (near.inverse_depth - sample.inverse_depth).abs();
+                let is_best = best.is_none_or(|(least, _)| difference < least);
+                if is_best && surfaces.connects(near.inverse_depth, sample.inverse_depth) {
+                    best = Some((difference, i));
                 }
-            }
-            if let Some((_, i)) = best {
-                sheet[at] = Some(samples[i]);
-                placed[i] = true;
             }
         }
-        for (sample, _) in samples.iter().zip(&placed).filter(|(_, placed)| !**placed) {
-            match sheets.iter_mut().find(|sheet| sheet[at].is_none()) {
-                Some(sheet) => sheet[at] = Some(*sample),
-                None => {
-                    let mut sheet = vec![None; SHEET_LEN];
-                    sheet[at] = Some(*sample);
-                    sheets.push(sheet);
-                }
+        if let Some((_, i)) = best {
+            sheet[at] = Some(samples[i]);
+            placed[i] = true;
+        }
+    }
+    for (sample, _) in samples.iter().zip(&placed).filter(|(_, placed)| !**placed) {
+        match sheets.iter_mut().find(|sheet| sheet[at].is_none()) {
+            Some(sheet) => sheet[at] = Some(*sample),
+            None => {
+                let mut sheet = vec![None; SHEET_LEN];
+                sheet[at] = Some(*sample);
+                sheets.push(sheet);
             }
         }
     }

@@ -1,8 +1,8 @@
 //! Flat Gaussians for splat viewers: `.ply` in the layout of 3D Gaussian splatting (Kerbl et al.
 //! 2023).
 //!
-//! Positions are metres from the centre of the headbox, X right, Y down, Z ahead, as trained splats
-//! have it.
+//! Positions are metres from the centre of the headbox, X right, Y down, Z ahead, like those of
+//! trained splats.
 
 use super::ExportError;
 use super::surfels::{Ellipse, Surfel};
@@ -12,18 +12,18 @@ use glam::{Mat3, Quat, Vec3};
 use headbox_cube::pack::CubeLdi;
 use std::io::Write;
 
-/// Deviation of a Gaussian, in spacings of samples. Sorted Gaussians are laid over one another, not
-/// averaged: at half a spacing, as the renderer has them, a surface would let a sixth of what is
-/// behind it through between four samples, here 4 %.
+/// Standard deviation of a Gaussian, in sample spacings. Viewers composite sorted Gaussians instead
+/// of averaging them: at half a spacing, which the renderer uses, a sixth of the background would
+/// show through between four samples, here 4 %.
 const SPACINGS: f64 = 0.65;
-/// Thickness of a Gaussian over its smaller deviation.
+/// Thickness of a Gaussian relative to its smaller deviation.
 const FLATNESS: f32 = 0.02;
-/// Opacities are stored as logits, which must be finite.
+/// Range of opacities: they are stored as logits, which must be finite.
 const OPACITY: [f32; 2] = [0.004, 0.996];
-/// Spherical harmonic of degree 0.
+/// Value of the spherical harmonic of degree 0.
 const HARMONIC_0: f32 = 0.282_094_8;
 
-/// Writes all samples, and the environment far away.
+/// Writes all samples, and the environment at a large distance.
 ///
 /// # Errors
 /// [`ExportError::Empty`], [`ExportError::Io`].
@@ -33,7 +33,7 @@ pub fn write_ply(cube: &CubeLdi, to: &mut dyn Write) -> Result<(), ExportError> 
         .split(' ')
         .map(|name| format!("float {name}"))
         .collect();
-    ply::header(
+    ply::write_header(
         to,
         cube,
         surfels::count(cube, true),
@@ -42,7 +42,7 @@ pub fn write_ply(cube: &CubeLdi, to: &mut dyn Write) -> Result<(), ExportError> 
     surfels::for_each(cube, true, &mut |surfel| {
         to.write_all(
             &Gaussian::new(&surfel)
-                .trained()
+                .values()
                 .map(f32::to_le_bytes)
                 .concat(),
         )
@@ -50,11 +50,11 @@ pub fn write_ply(cube: &CubeLdi, to: &mut dyn Write) -> Result<(), ExportError> 
     Ok(())
 }
 
-/// A flat Gaussian.
+/// Flat Gaussian.
 struct Gaussian {
     position: Vec3,
     normal: Vec3,
-    /// Standard deviations along its axes, metres; the last is the normal's.
+    /// Standard deviations along its axes, metres; the third axis is the normal.
     deviations: [f32; 3],
     rotation: Quat,
     /// sRGB, straight alpha.
@@ -63,23 +63,23 @@ struct Gaussian {
 
 impl Gaussian {
     fn new(surfel: &Surfel) -> Self {
-        let turned = |v: Vec3| Vec3::new(v.x, -v.y, -v.z);
+        let flipped = |v: Vec3| Vec3::new(v.x, -v.y, -v.z);
         let Ellipse {
             axes,
             deviations: [a, b],
         } = surfel.ellipse(SPACINGS);
-        let [u, v, w] = axes.map(turned);
+        let [u, v, w] = axes.map(flipped);
         Self {
-            position: turned(surfel.position.as_vec3()),
-            normal: turned(surfel.normal.as_vec3()),
+            position: flipped(surfel.position.as_vec3()),
+            normal: flipped(surfel.normal.as_vec3()),
             deviations: [a, b, b.min(a) * FLATNESS].map(|s| s.max(1e-9)),
             rotation: Quat::from_mat3(&Mat3::from_cols(u, v, w)),
             color_srgb: surfel.color_srgb,
         }
     }
 
-    /// The numbers of a trained Gaussian in their order.
-    fn trained(&self) -> [f32; 17] {
+    /// Returns the values of a vertex in the order of the file.
+    fn values(&self) -> [f32; 17] {
         let ([x, y, z], [nx, ny, nz]) = (self.position.to_array(), self.normal.to_array());
         let [red, green, blue, alpha] = self.color_srgb.map(|c| f32::from(c) / 255.0);
         let [r, g, b] = [red, green, blue].map(|c| (c - 0.5) / HARMONIC_0);
@@ -126,7 +126,7 @@ mod tests {
 
     #[test]
     fn gaussians_are_flat_along_the_normal() {
-        let [x, y, z, .., sa, sb, sc, qw, qx, qy, qz] = gaussian().trained();
+        let [x, y, z, .., sa, sb, sc, qw, qx, qy, qz] = gaussian().values();
         assert_eq!([x, y, z], [1.0, -2.0, 3.0]);
         assert!((sa.exp() - 0.13).abs() < 1e-6 && (sb.exp() - 0.065).abs() < 1e-6 && sc < sb - 3.0);
         let rotation = Mat3::from_quat(Quat::from_xyzw(qx, qy, qz, qw));

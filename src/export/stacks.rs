@@ -1,4 +1,4 @@
-//! The pieces of a face as compositing programs take them: *tidy* deep pixels.
+//! Deep pixels of a face in the *tidy* form of compositing programs.
 
 use crate::pieces;
 use crate::surfels;
@@ -6,12 +6,12 @@ use headbox_core::cube_face::Face;
 use headbox_core::tone::ToneMap;
 use headbox_cube::pack::CubeLdi;
 
-/// One sample of a pixel.
+/// Deep sample of a pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Deep {
     /// Eye depth of the face's camera, metres.
     pub(super) depth_m: f32,
-    /// Linear red, green and blue (1 is white) times alpha, and alpha.
+    /// Premultiplied linear red, green and blue (1 is white), and alpha.
     pub(super) rgba: [f32; 4],
 }
 
@@ -25,29 +25,33 @@ impl Deep {
         }
     }
 
-    /// This before another.
+    /// Composites this sample over another.
     pub(super) fn over(self, behind: Self) -> Self {
-        let open = 1.0 - self.rgba[3];
+        let transmittance = 1.0 - self.rgba[3];
         Self {
-            rgba: std::array::from_fn(|i| self.rgba[i] + open * behind.rgba[i]),
+            rgba: std::array::from_fn(|i| self.rgba[i] + transmittance * behind.rgba[i]),
             ..self
         }
     }
 }
 
-/// The samples of all pixels of a face.
+/// Deep samples of all pixels of a face.
 pub(super) struct Stacks {
-    /// Offset of each pixel's samples, row by row from the top, and finally their number.
+    /// Offset of each pixel's samples, row by row from the top, and finally the total number.
     pub(super) offsets: Vec<u32>,
-    /// Nearest first within a pixel, no two at one depth, none behind what hides it.
+    /// Samples, nearest first within a pixel, no two at one depth, none behind an opaque one.
     pub(super) samples: Vec<Deep>,
 }
 
 impl Stacks {
-    /// Depth pixels, texels of pictures on planes, and behind all the environment.
-    pub(super) fn of_face(cube: &CubeLdi, face: Face) -> Self {
-        let (face_px, distance, tone) = (cube.face_size_px, surfels::sky(cube), cube.info.tone);
-        let pieces = pieces::of_face(cube, face);
+    /// Collects depth pixels, texels of plane textures, and the environment behind them.
+    pub(super) fn new(cube: &CubeLdi, face: Face) -> Self {
+        let (face_px, distance, tone) = (
+            cube.face_size_px,
+            surfels::environment_distance(cube),
+            cube.info.tone,
+        );
+        let pieces = pieces::face_pieces(cube, face);
         let mut stacks = Self {
             offsets: vec![0],
             samples: Vec::with_capacity(pieces.len()),
@@ -59,17 +63,18 @@ impl Stacks {
             let direction = face.direction(f64::from(x) + 0.5, f64::from(y) + 0.5, face_px);
             let sky = cube.environment.sample(direction.as_vec3());
             while let Some(piece) = rest.next_if(|piece| piece.at == at) {
-                stacks.put_behind(Deep::new(1.0 / piece.inverse_depth, piece.color_srgb, tone));
+                stacks.push_behind(Deep::new(1.0 / piece.inverse_depth, piece.color_srgb, tone));
             }
-            sky.into_iter()
-                .for_each(|[r, g, b]| stacks.put_behind(Deep::new(distance, [r, g, b, 255], tone)));
+            sky.into_iter().for_each(|[r, g, b]| {
+                stacks.push_behind(Deep::new(distance, [r, g, b, 255], tone))
+            });
             stacks.offsets.push(stacks.samples.len() as u32);
         }
         stacks
     }
 
-    /// Puts a sample behind those of the last pixel.
-    fn put_behind(&mut self, sample: Deep) {
+    /// Appends a sample behind those of the last pixel.
+    fn push_behind(&mut self, sample: Deep) {
         let first = self.offsets[self.offsets.len() - 1] as usize;
         match self.samples[first..].last_mut() {
             Some(front) if front.rgba[3] >= 1.0 => {}
@@ -78,7 +83,7 @@ impl Stacks {
         }
     }
 
-    /// The samples of a pixel, in the order of rows.
+    /// Returns the samples of the pixel with index `at`, row by row.
     pub(super) fn pixel(&self, at: usize) -> &[Deep] {
         &self.samples[self.offsets[at] as usize..self.offsets[at + 1] as usize]
     }

@@ -1,12 +1,11 @@
-//! Pictures for both eyes: side by side, in all directions (omni-directional stereo, ODS) and
-//! before the viewer (VR180).
+//! Stereo images: side by side, in all directions (omni-directional stereo, ODS) and of the front
+//! half sphere (VR180).
 //!
-//! A player of ODS turns the head where the viewer looks, and each column of the picture was made
-//! for the head that is turned to it: the eyes go round on a circle, and a column's rays leave it
-//! along its tangents (*Rendering Omni-directional Stereo Content*, Google, 2015). Here some
-//! columns share an eye.
+//! An ODS image suits every heading: each column is rendered for the head turned toward it. The
+//! eyes move on a circle, and a column's rays leave it along its tangents (*Rendering
+//! Omni-directional Stereo Content*, Google, 2015). Here a few columns share an eye.
 
-use super::panorama::{bilinear, equirectangular, half_sphere, level};
+use super::panorama::{bilinear, equirectangular, half_sphere, level_axes};
 use glam::{DMat3, DVec3};
 use headbox_core::camera::{Camera, CameraError};
 use image::RgbImage;
@@ -18,25 +17,25 @@ use std::f64::consts::{FRAC_PI_4, FRAC_PI_8, PI, TAU};
 pub enum View {
     /// The camera's own frame.
     Frame,
-    /// The frames of two eyes so many metres apart, the left one on the left.
+    /// Frames of two eyes at this distance, metres, the left one on the left.
     SideBySide(f64),
     /// All directions, equirectangular.
     Panorama,
-    /// All directions for two eyes so many metres apart, the left one above.
+    /// All directions for two eyes at this distance, metres, the left one above.
     StereoPanorama(f64),
-    /// 180 by 180 degrees for two eyes so many metres apart, the left one on the left.
+    /// 180 by 180 degrees for two eyes at this distance, metres, the left one on the left.
     HalfSpheres(f64),
 }
 
-/// Columns that share an eye see it at most this angle from where it should be, radians: at a
-/// distance of 1 m and 64 mm between the eyes what they show is 0.2 mm off.
-const MOST_TURN: f64 = TAU / 1024.0;
-/// Pixels of a strip beyond the columns that are taken from it.
+/// Largest angle between the eye of a column and its exact position, radians: at a distance of 1 m
+/// and 64 mm between the eyes, points are displaced by 0.2 mm.
+const MAX_EYE_ANGLE: f64 = TAU / 1024.0;
+/// Margin of a strip beyond the columns that are taken from it, pixels.
 const MARGIN_PX: f64 = 2.0;
 
 impl View {
-    /// Width and height of what [`Self::draw`] makes of a camera with a frame of this size. Where
-    /// it shows directions, the height of the frame is the height for one eye.
+    /// Returns the width and height of the image that [`Self::draw`] makes of a camera with a frame
+    /// of this size. A panorama has the height of the frame for each eye.
     pub fn size_px(self, [width, height]: [u32; 2]) -> [u32; 2] {
         match self {
             Self::Frame => [width, height],
@@ -46,17 +45,17 @@ impl View {
         }
     }
 
-    /// The picture of a camera; `draw` makes the frames that it is put together from.
+    /// Renders the image of a camera; `draw` renders the frames that it is composed of.
     ///
     /// # Errors
-    /// [`CameraError`], and what `draw` reports.
+    /// [`CameraError`], and errors of `draw`.
     pub fn draw<E: From<CameraError>>(
         self,
         camera: &Camera,
         mut draw: impl FnMut(&Camera) -> Result<RgbImage, E>,
     ) -> Result<RgbImage, E> {
         let height = camera.height();
-        let beside = |distance_m: f64, axes: DMat3| {
+        let eyes = |distance_m: f64, axes: DMat3| {
             let aside = axes.x_axis * (distance_m / 2.0);
             [
                 camera.with_eye(camera.eye() - aside),
@@ -67,11 +66,11 @@ impl View {
             Self::Frame => return draw(camera),
             Self::Panorama => return equirectangular(camera, height, draw),
             Self::SideBySide(distance_m) => {
-                let [left, right] = beside(distance_m, camera.world_from_eye());
+                let [left, right] = eyes(distance_m, camera.world_from_eye());
                 (draw(&left)?, draw(&right)?, [i64::from(camera.width()), 0])
             }
             Self::HalfSpheres(distance_m) => {
-                let [left, right] = beside(distance_m, level(camera));
+                let [left, right] = eyes(distance_m, level_axes(camera));
                 let left = half_sphere(&left, height, &mut draw)?;
                 (
                     left,
@@ -80,10 +79,10 @@ impl View {
                 )
             }
             Self::StereoPanorama(distance_m) => {
-                let left = turning(camera, height, -distance_m / 2.0, &mut draw)?;
+                let left = rotating_eye(camera, height, -distance_m / 2.0, &mut draw)?;
                 (
                     left,
-                    turning(camera, height, distance_m / 2.0, &mut draw)?,
+                    rotating_eye(camera, height, distance_m / 2.0, &mut draw)?,
                     [0, i64::from(height)],
                 )
             }
@@ -96,16 +95,17 @@ impl View {
     }
 }
 
-/// All directions from an eye that stands `aside_m` to the right of where each column looks from.
-fn turning<E: From<CameraError>>(
+/// Renders all directions from an eye that is `aside_m` to the right of the centre as seen in the
+/// direction of each column.
+fn rotating_eye<E: From<CameraError>>(
     camera: &Camera,
     height: u32,
     aside_m: f64,
     draw: &mut impl FnMut(&Camera) -> Result<RgbImage, E>,
 ) -> Result<RgbImage, E> {
-    let (width, level) = (2 * height, level(camera));
+    let (width, level) = (2 * height, level_axes(camera));
     let column = TAU / f64::from(width);
-    let in_strip = ((2.0 * MOST_TURN / column).floor() as u32).clamp(1, width);
+    let in_strip = ((2.0 * MAX_EYE_ANGLE / column).floor() as u32).clamp(1, width);
     let mut picture = RgbImage::new(width, height);
     for first in (0..width).step_by(in_strip as usize) {
         let columns = first..(first + in_strip).min(width);
@@ -130,19 +130,20 @@ fn turning<E: From<CameraError>>(
     Ok(picture)
 }
 
-/// Three narrow frames of one eye, from straight down to straight up.
+/// Three narrow frames of one eye, from the nadir to the zenith.
 struct Strips {
     focal_px: f64,
-    /// Below, level, above.
+    /// Frames below, at and above the horizon.
     frames: [RgbImage; 3],
 }
 
 impl Strips {
-    /// The frame in the middle sees 90 degrees, the others 45: from 45 to 90.
+    /// The middle frame covers 90 degrees of elevation, each of the others 45.
     const ELEVATIONS: [f64; 3] = [-3.0 * FRAC_PI_8, 0.0, 3.0 * FRAC_PI_8];
     const HALVES: [f64; 3] = [FRAC_PI_8, FRAC_PI_4, FRAC_PI_8];
 
-    /// Columns up to `half` radians beside the middle, which the axes (right, up, back) say.
+    /// Renders columns up to `half` radians to either side of the direction of the axes (right, up,
+    /// back).
     fn new<E: From<CameraError>>(
         eye: DVec3,
         axes: DMat3,
@@ -150,7 +151,7 @@ impl Strips {
         half: f64,
         draw: &mut impl FnMut(&Camera) -> Result<RgbImage, E>,
     ) -> Result<Self, E> {
-        // Twice as many pixels a degree as the picture has.
+        // Twice as many pixels per degree as the image.
         let focal_px = 2.0 * f64::from(height) / PI;
         let side = |half: f64| (2.0 * (focal_px * half.tan() + MARGIN_PX)).ceil() as u32;
         let mut frame = |i: usize| {

@@ -1,4 +1,5 @@
-//! A capture as pieces of surfaces in space, for formats that know no cameras.
+//! Surfels: the samples of a capture as oriented surface elements in space, for formats without
+//! cameras.
 
 use glam::{DVec3, Vec3};
 use headbox_core::cube_face::Face;
@@ -6,21 +7,20 @@ use headbox_cube::pack::CubeLdi;
 use headbox_cube::render::footprint::rules::MAX_SLOPE;
 use std::io;
 
-/// A piece of a surface: what one sample stands for.
+/// Surface element of one sample.
 pub(super) struct Surfel {
-    /// World axes, metres from the centre of the headbox.
+    /// Position in world axes, metres from the centre of the headbox.
     pub(super) position: DVec3,
     /// Unit normal, world axes.
     pub(super) normal: DVec3,
-    /// Offsets to the next samples of the surface, to the right and below on the face, metres.
+    /// Offsets to the next samples of the surface, right and down on the face, metres.
     pub(super) along: [DVec3; 2],
     /// Straight alpha.
     pub(super) color_srgb: [u8; 4],
 }
 
 impl Surfel {
-    /// Surface seen by a face in direction `d` (eye depth 1) at an inverse depth, on a plane with a
-    /// normal.
+    /// Creates the surfel that a face sees in direction `d` (eye depth 1) at an inverse depth.
     fn new(
         face: Face,
         face_px: u32,
@@ -48,9 +48,9 @@ impl Surfel {
     }
 }
 
-/// Inverse depth, 1/m, at which what is at infinity is put: so far that no eye in the headbox sees
-/// it move by a face pixel.
-pub(super) fn infinity(cube: &CubeLdi) -> f64 {
+/// Returns the inverse depth, 1/m, for samples at infinity: so small that no eye in the headbox
+/// sees them move by a face pixel.
+pub(super) fn min_inverse_depth(cube: &CubeLdi) -> f64 {
     let farthest = cube
         .segments
         .iter()
@@ -60,22 +60,22 @@ pub(super) fn infinity(cube: &CubeLdi) -> f64 {
     still.min(farthest / 1.25)
 }
 
-/// Metres to the environment: behind what is at infinity and not environment, or they would fight
-/// for the same depth.
-pub(super) fn sky(cube: &CubeLdi) -> f64 {
-    1.2 / infinity(cube)
+/// Returns the distance of the environment, metres: behind samples at infinity, to avoid z-fighting
+/// with them.
+pub(super) fn environment_distance(cube: &CubeLdi) -> f64 {
+    1.2 / min_inverse_depth(cube)
 }
 
-/// The straight colour of a texel that is times alpha.
+/// Converts a texel from premultiplied to straight alpha.
 pub(super) fn straight([r, g, b, a]: [u8; 4]) -> [u8; 4] {
-    let of = |c: u8| (u32::from(c) * 255 / u32::from(a).max(1)).min(255) as u8;
-    [of(r), of(g), of(b), a]
+    let divide = |c: u8| (u32::from(c) * 255 / u32::from(a).max(1)).min(255) as u8;
+    [divide(r), divide(g), divide(b), a]
 }
 
-/// Number of [`for_each`].
+/// Counts the surfels of [`for_each`].
 pub(super) fn count(cube: &CubeLdi, sky: bool) -> u64 {
     let mut count = 0;
-    // Counting fails nowhere.
+    // Counting cannot fail.
     let _ = for_each(cube, sky, &mut |_| {
         count += 1;
         Ok(())
@@ -83,8 +83,8 @@ pub(super) fn count(cube: &CubeLdi, sky: bool) -> u64 {
     count
 }
 
-/// Hands over all samples, all texels of pictures on planes, and with `sky` those of the
-/// environment, far away.
+/// Visits all samples, all texels of plane textures, and with `sky` those of the environment, at a
+/// large distance.
 pub(super) fn for_each(
     cube: &CubeLdi,
     sky: bool,
@@ -124,7 +124,8 @@ fn samples(cube: &CubeLdi, to: &mut dyn FnMut(Surfel) -> io::Result<()>) -> io::
 }
 
 fn texels(cube: &CubeLdi, to: &mut dyn FnMut(Surfel) -> io::Result<()>) -> io::Result<()> {
-    let (set, face_px, infinity) = (&cube.planes, cube.face_size_px, infinity(cube));
+    let (set, face_px, min_inverse_depth) =
+        (&cube.planes, cube.face_size_px, min_inverse_depth(cube));
     for tile in &set.tiles {
         let (Some(plane), Some(texels)) = (
             set.planes.get(tile.plane as usize),
@@ -143,7 +144,7 @@ fn texels(cube: &CubeLdi, to: &mut dyn FnMut(Surfel) -> io::Result<()>) -> io::R
             );
             let d = face.direction(x, y, face_px);
             let normal = -n.try_normalize().unwrap_or(d.normalize());
-            let q = (q + along_x * x + along_y * y).max(infinity);
+            let q = (q + along_x * x + along_y * y).max(min_inverse_depth);
             to(Surfel::new(face, face_px, d, q, normal, straight(*texel)))?;
         }
     }
@@ -151,7 +152,7 @@ fn texels(cube: &CubeLdi, to: &mut dyn FnMut(Surfel) -> io::Result<()>) -> io::R
 }
 
 fn environment(cube: &CubeLdi, to: &mut dyn FnMut(Surfel) -> io::Result<()>) -> io::Result<()> {
-    let (size_px, q) = (cube.environment.size_px, 1.0 / sky(cube));
+    let (size_px, q) = (cube.environment.size_px, 1.0 / environment_distance(cube));
     let per_face = size_px as usize * size_px as usize;
     let known = cube
         .environment
@@ -178,16 +179,16 @@ fn environment(cube: &CubeLdi, to: &mut dyn FnMut(Surfel) -> io::Result<()>) -> 
     Ok(())
 }
 
-/// A Gaussian on a surface: the axes of its ellipse and the normal, orthonormal and right-handed,
-/// and its two deviations.
+/// Gaussian on a surface: the axes of its ellipse and the normal, orthonormal and right-handed, and
+/// its two standard deviations.
 pub(super) struct Ellipse {
     pub(super) axes: [Vec3; 3],
     pub(super) deviations: [f32; 2],
 }
 
 impl Surfel {
-    /// The ellipse of a Gaussian with a deviation of `spacings` between samples: the principal axes
-    /// of both steps.
+    /// Returns the ellipse of a Gaussian with a standard deviation of `spacings` sample spacings:
+    /// the principal axes of both steps.
     pub(super) fn ellipse(&self, spacings: f64) -> Ellipse {
         let [a, b] = self.along;
         let first = a

@@ -1,10 +1,10 @@
-//! HTML pages: a capture and its WebGL 2 viewer in one file that works from disk; the data are
-//! deflated.
+//! HTML pages: a capture with deflated data and its WebGL 2 viewer in one file that works from
+//! disk.
 //!
-//! The viewer is the ES modules beside this file and those of the folder of what is shown (`cube`,
-//! `house`, `lumigraph`, `sprite`), which are put into the page one after the other. Two of a kind
-//! others build on: its `renderer.js`, and where the eye may be, `place.js` or, for what has a
-//! headbox, `headbox.js`.
+//! The viewer consists of the ES modules in this folder and in the folder of the representation
+//! (`cube`, `house`, `lumigraph`, `sprite`), which are concatenated in the page. Every
+//! representation provides a `renderer.js`, and the rule for valid eye positions: `place.js` or,
+//! with a headbox, `headbox.js`.
 
 mod cube;
 mod house;
@@ -27,9 +27,9 @@ use rayon::prelude::*;
 use serde_json::{Value, json};
 use std::io::{self, Write};
 
-/// The modules of every viewer, each after those that it imports; those of what is shown are
-/// between them.
-const BEFORE: [&str; 7] = [
+/// Modules of every viewer, each after those that it imports; those of the representation are
+/// between the two lists.
+const FIRST_MODULES: [&str; 7] = [
     include_str!("vectors.js"),
     include_str!("payload.js"),
     include_str!("camera.js"),
@@ -38,7 +38,7 @@ const BEFORE: [&str; 7] = [
     include_str!("surroundings.js"),
     include_str!("pictures.js"),
 ];
-const AFTER: [&str; 4] = [
+const LAST_MODULES: [&str; 4] = [
     include_str!("view.js"),
     include_str!("controls.js"),
     include_str!("headset.js"),
@@ -47,17 +47,16 @@ const AFTER: [&str; 4] = [
 const TEMPLATE: &str = include_str!("page.html");
 const STYLE: &str = include_str!("page.css");
 
-/// The most bytes of a page: browsers keep its text in memory, next to what they unpack of it.
+/// Maximum size of a page, bytes: browsers keep its text in memory, next to the unpacked data.
 pub const MAX_PAGE_BYTES: u64 = 1 << 30;
 
-/// A part of the data.
+/// Part of the data.
 struct Part {
-    /// Header of the part.
     header: Value,
     bytes: Vec<u8>,
 }
 
-/// A part as the page holds it.
+/// Part as text of the page.
 struct PackedPart {
     header: Value,
     text: String,
@@ -67,15 +66,15 @@ struct PackedPart {
 struct Content {
     /// Header that the viewer reads before the first part.
     header: Value,
-    /// All data, in the order in which a view begins to need it.
+    /// All data, in the order in which a view needs them.
     parts: Vec<Part>,
-    /// A JPEG file of the first view.
+    /// JPEG file of the first view.
     poster: Vec<u8>,
-    /// The modules for what is of its kind, each after those that it imports.
+    /// Modules of the representation, each after those that it imports.
     modules: &'static [&'static str],
 }
 
-/// The text of a page.
+/// Text of a page.
 pub struct Page {
     before: String,
     parts: Vec<PackedPart>,
@@ -87,35 +86,35 @@ impl Page {
     /// # Errors
     /// [`ExportError::Empty`], [`ExportError::TooLarge`].
     pub fn new(cube: &CubeLdi, name: &str) -> Result<Self, ExportError> {
-        Self::of(cube::content(cube)?, name)
+        Self::from_content(cube::content(cube)?, name)
     }
 
-    /// Makes a page to walk through a house, beginning with what a camera sees. It shows surfaces
-    /// alone, no backdrops: what draws pages draws all of a home.
+    /// Makes a page of a house that starts with a camera's view. It draws all surfaces and no
+    /// backdrops, as GPUs can.
     ///
     /// # Errors
-    /// [`ExportError::TooLarge`], or if there is no picture of it.
+    /// [`ExportError::TooLarge`], or if the poster cannot be rendered.
     pub fn of_house(house: &House, first: &Camera, name: &str) -> Result<Self, ExportError> {
-        Self::of(house::content(house, first)?, name)
+        Self::from_content(house::content(house, first)?, name)
     }
 
     /// Makes a page of a layered lumigraph.
     ///
     /// # Errors
-    /// [`ExportError::TooLarge`], or if there is no picture of it.
+    /// [`ExportError::TooLarge`], or if the poster cannot be rendered.
     pub fn of_lumigraph(lumigraph: &Lumigraph, name: &str) -> Result<Self, ExportError> {
-        Self::of(lumigraph::content(lumigraph)?, name)
+        Self::from_content(lumigraph::content(lumigraph)?, name)
     }
 
     /// Makes a page of sprites with depth.
     ///
     /// # Errors
-    /// [`ExportError::Empty`], [`ExportError::TooLarge`], or if there is no picture of it.
+    /// [`ExportError::Empty`], [`ExportError::TooLarge`], or if the poster cannot be rendered.
     pub fn of_sprites(set: &SpriteSet, name: &str) -> Result<Self, ExportError> {
-        Self::of(sprite::content(set)?, name)
+        Self::from_content(sprite::content(set)?, name)
     }
 
-    fn of(content: Content, name: &str) -> Result<Self, ExportError> {
+    fn from_content(content: Content, name: &str) -> Result<Self, ExportError> {
         let Content {
             mut header,
             parts,
@@ -126,13 +125,7 @@ impl Page {
             .into_par_iter()
             .map(pack)
             .collect::<Result<Vec<_>, io::Error>>()?;
-        let bytes = parts.iter().map(|part| part.text.len() as u64).sum();
-        if bytes > MAX_PAGE_BYTES {
-            return Err(ExportError::TooLarge {
-                bytes,
-                limit: MAX_PAGE_BYTES,
-            });
-        }
+        check_size(parts.iter().map(|part| part.text.len() as u64).sum())?;
         header["name"] = name.into();
         header["parts"] = parts.iter().map(|part| part.header.clone()).collect();
         let title = escape(name);
@@ -145,10 +138,10 @@ impl Page {
         Ok(Self { before, parts })
     }
 
-    /// Writes it.
+    /// Writes the page.
     ///
     /// # Errors
-    /// What writing reports.
+    /// Errors of writing.
     pub fn write(&self, to: &mut dyn Write) -> io::Result<()> {
         to.write_all(self.before.as_bytes())?;
         for (i, part) in self.parts.iter().enumerate() {
@@ -162,13 +155,24 @@ impl Page {
     }
 }
 
-/// The viewer as one module: imports and the word `export` are left out, as all stands in one
-/// scope.
+/// Rejects a page of at least `bytes` bytes that is too large.
+fn check_size(bytes: u64) -> Result<(), ExportError> {
+    if bytes > MAX_PAGE_BYTES {
+        return Err(ExportError::TooLarge {
+            bytes,
+            limit: MAX_PAGE_BYTES,
+        });
+    }
+    Ok(())
+}
+
+/// Concatenates the viewer to one module: drops imports and the word `export`, as all modules share
+/// one scope.
 fn script(modules: &[&str]) -> String {
-    let lines = BEFORE
+    let lines = FIRST_MODULES
         .iter()
         .chain(modules)
-        .chain(&AFTER)
+        .chain(&LAST_MODULES)
         .flat_map(|module| module.lines());
     let mut script = String::new();
     for line in lines.filter(|line| !line.starts_with("import ")) {
@@ -178,7 +182,7 @@ fn script(modules: &[&str]) -> String {
     script
 }
 
-/// Text in HTML.
+/// Escapes text for HTML.
 fn escape(text: &str) -> String {
     text.replace('&', "&amp;")
         .replace('<', "&lt;")
@@ -199,8 +203,8 @@ fn pack(part: Part) -> io::Result<PackedPart> {
     })
 }
 
-/// Environment: red, green, blue and alpha in arrays of their own, each byte as the difference from
-/// the one before.
+/// Encodes the environment: red, green, blue and alpha in separate arrays, each byte as the
+/// difference from the previous one.
 fn environment(environment: &Environment) -> Part {
     let mut bytes = Vec::with_capacity(environment.texels.len() * 4);
     for channel in 0..4 {
@@ -216,7 +220,19 @@ fn environment(environment: &Environment) -> Part {
     }
 }
 
-/// The smallest PNG file of some texels.
+/// Encodes an integer as an unsigned one with its sign in the lowest bit.
+fn zigzag(number: i32) -> u32 {
+    (number << 1 ^ number >> 31) as u32
+}
+
+/// Returns the lowest bytes of all numbers, then the next ones, up to `width` bytes per number.
+fn byte_planes(numbers: &[u32], width: usize) -> Vec<u8> {
+    (0..width)
+        .flat_map(|k| numbers.iter().map(move |number| number.to_le_bytes()[k]))
+        .collect()
+}
+
+/// Encodes texels as a PNG file with the best compression.
 fn png(texels: &[[u8; 4]], size_px: [u32; 2]) -> Result<Vec<u8>, ExportError> {
     super::png(texels, size_px, CompressionType::Best)
 }

@@ -1,20 +1,23 @@
-//! Texels of pictures as what they are more than their neighbours (`texels.js` reads them).
+//! Predictive encoding of texels (`texels.js` decodes it).
 
 use std::ops::Range;
 
-/// A picture among the texels of several.
+/// Image in a shared array of texels.
 pub(super) struct TexelImage {
     /// Range of its texels, row by row.
     pub(super) texels: Range<usize>,
     pub(super) width: usize,
-    /// Its alphas need not be kept.
+    /// True to omit its alpha.
     pub(super) opaque: bool,
 }
 
-/// Green, red - green and blue - green of each texel, one after the other, then the alphas of the
-/// pictures that are not opaque: each less that of the texel on the left or, in the first column,
-/// above.
-pub(super) fn rests(texels: &[[u8; 4]], pictures: impl IntoIterator<Item = TexelImage>) -> Vec<u8> {
+/// Encodes green, red - green and blue - green of each texel, one after the other, then the alphas
+/// of images that are not opaque. Each value is the difference from the texel on the left or, in
+/// the first column, above.
+pub(super) fn residuals(
+    texels: &[[u8; 4]],
+    pictures: impl IntoIterator<Item = TexelImage>,
+) -> Vec<u8> {
     let (mut colors, mut alphas) = (vec![0; texels.len() * 3], Vec::new());
     for TexelImage {
         texels: range,
@@ -25,11 +28,11 @@ pub(super) fn rests(texels: &[[u8; 4]], pictures: impl IntoIterator<Item = Texel
         let first = range.start;
         let texels = &texels[range];
         for (i, texel) in texels.iter().enumerate() {
-            let beside = match i % width {
+            let neighbour = match i % width {
                 0 => i.checked_sub(width).map_or([0; 4], |above| texels[above]),
                 _ => texels[i - 1],
             };
-            let [r, g, b, a] = [0, 1, 2, 3].map(|c| texel[c].wrapping_sub(beside[c]));
+            let [r, g, b, a] = [0, 1, 2, 3].map(|c| texel[c].wrapping_sub(neighbour[c]));
             let to = (first + i) * 3;
             colors[to..to + 3].copy_from_slice(&[g, r.wrapping_sub(g), b.wrapping_sub(g)]);
             if !opaque {

@@ -1,38 +1,38 @@
-//! Bytes as text of a page: seven bits a character, which costs 8/7 and a little, whatever charset
-//! a server claims.
+//! Encoding of bytes as text of a page: seven bits per character, at a cost of 8/7 and a little,
+//! whatever charset a server declares.
 //!
-//! A script element keeps every character of ASCII but three: NUL, carriage return, and `<`, which
-//! might end it. U+0080, U+0081 and U+0082 stand for these. Base64 costs 4/3.
+//! A script element preserves every ASCII character except three: NUL, carriage return, and `<`,
+//! which might end it. U+0080, U+0081 and U+0082 replace them. Base64 costs 4/3.
 
-/// The three that a script element does not keep.
-const KEPT_OUT: [u8; 3] = [0, b'\r', b'<'];
+/// Characters that a script element does not preserve.
+const REPLACED: [u8; 3] = [0, b'\r', b'<'];
 
-/// The text of some bytes: seven bits after the other, from the lowest of the first byte on.
+/// Encodes bytes in groups of seven bits, from the lowest of the first byte on.
 pub(super) fn encode(bytes: &[u8]) -> String {
     let mut text = String::with_capacity(bytes.len() * 7 / 6);
-    let (mut bits, mut held) = (0u32, 0);
+    let (mut bits, mut bit_count) = (0u32, 0);
     for byte in bytes {
-        bits |= u32::from(*byte) << held;
-        held += 8;
-        while held >= 7 {
+        bits |= u32::from(*byte) << bit_count;
+        bit_count += 8;
+        while bit_count >= 7 {
             text.push(character(bits as u8 & 127));
-            (bits, held) = (bits >> 7, held - 7);
+            (bits, bit_count) = (bits >> 7, bit_count - 7);
         }
     }
-    if held > 0 {
+    if bit_count > 0 {
         text.push(character(bits as u8 & 127));
     }
     text
 }
 
 fn character(seven: u8) -> char {
-    match KEPT_OUT.iter().position(|kept_out| *kept_out == seven) {
+    match REPLACED.iter().position(|replaced| *replaced == seven) {
         Some(i) => char::from(128 + i as u8),
         None => char::from(seven),
     }
 }
 
-/// Base64, for the one picture that has to be there before any script.
+/// Encodes bytes as Base64, for the poster, which is shown before any script runs.
 pub(super) fn base64(bytes: &[u8]) -> String {
     const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     let mut text = String::with_capacity(bytes.len().div_ceil(3) * 4);
@@ -54,14 +54,14 @@ mod tests {
 
     /// Decodes as `payload.js` does.
     fn decode(text: &str, count: usize) -> Vec<u8> {
-        let (mut bits, mut held, mut bytes) = (0u32, 0, Vec::new());
+        let (mut bits, mut bit_count, mut bytes) = (0u32, 0, Vec::new());
         for c in text.chars() {
             let c = c as usize;
-            bits |= u32::from(if c < 128 { c as u8 } else { KEPT_OUT[c - 128] }) << held;
-            held += 7;
-            if held >= 8 && bytes.len() < count {
+            bits |= u32::from(if c < 128 { c as u8 } else { REPLACED[c - 128] }) << bit_count;
+            bit_count += 7;
+            if bit_count >= 8 && bytes.len() < count {
                 bytes.push(bits as u8);
-                (bits, held) = (bits >> 8, held - 8);
+                (bits, bit_count) = (bits >> 8, bit_count - 8);
             }
         }
         bytes

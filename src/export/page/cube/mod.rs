@@ -1,11 +1,11 @@
-//! A cube LDI as a page. It is drawn by the rules of [`headbox_cube::render::canvas::surface`],
-//! whose numbers travel in the page's header, so that its frames are held to the CPU's.
+//! Page of a cube LDI. It is rendered by the rules of [`headbox_cube::render::canvas::surface`],
+//! whose parameters are in the page's header, so that its frames can be compared with the CPU's.
 
 mod samples;
 mod shell;
 
-use super::texels::{TexelImage, rests};
-use super::{Content, MAX_PAGE_BYTES, Part, environment, poster};
+use super::texels::{TexelImage, residuals};
+use super::{Content, Part, check_size, environment, poster};
 use crate::ExportError;
 use headbox_core::cube_face::Face;
 use headbox_cube::model::depth_bins::DepthBins;
@@ -33,13 +33,7 @@ pub(super) fn content(cube: &CubeLdi) -> Result<Content, ExportError> {
     {
         return Err(ExportError::Empty);
     }
-    let at_least = cube.bytes() as u64 / 4;
-    if at_least > MAX_PAGE_BYTES {
-        return Err(ExportError::TooLarge {
-            bytes: at_least,
-            limit: MAX_PAGE_BYTES,
-        });
-    }
+    check_size(cube.bytes() as u64 / 4)?;
     Ok(Content {
         header: header(cube),
         parts: parts(cube)?,
@@ -87,7 +81,7 @@ fn ahead(cube: &CubeLdi) -> glam::DVec3 {
     cube.info.ahead.unwrap_or(glam::DVec3::NEG_Z)
 }
 
-/// All data, in the order in which a view begins to need it.
+/// Returns all data, in the order in which a view needs them.
 fn parts(cube: &CubeLdi) -> Result<Vec<Part>, ExportError> {
     let mut parts = vec![shell::part(cube)?, normals(cube)];
     parts.extend((cube.environment.size_px > 0).then(|| environment(&cube.environment)));
@@ -109,7 +103,7 @@ fn parts(cube: &CubeLdi) -> Result<Vec<Part>, ExportError> {
     Ok(parts)
 }
 
-/// The normals that splat indices stand for, in the face's frame, as 16-bit integers of 1/32767.
+/// Encodes the normals of all splat indices, in the face's frame, as 16-bit integers of 1/32767.
 fn normals(cube: &CubeLdi) -> Part {
     let normals =
         (0..SPLAT_INDEX_COUNT as u32).flat_map(|index| cube.layout.normal(index).to_array());
@@ -122,7 +116,7 @@ fn normals(cube: &CubeLdi) -> Part {
     }
 }
 
-/// Planes and pictures as they lie in memory, and the rests of their texels.
+/// Encodes planes and tiles as they are in memory, then the residuals of the tiles' texels.
 fn planes(set: &PlaneSet) -> Part {
     let mut bytes = bytemuck::cast_slice(&set.planes).to_vec();
     bytes.extend_from_slice(bytemuck::cast_slice(&set.tiles));
@@ -131,7 +125,7 @@ fn planes(set: &PlaneSet) -> Part {
         width: usize::from(tile.width),
         opaque: tile.opaque != 0,
     });
-    bytes.extend(rests(&set.texels, pictures));
+    bytes.extend(residuals(&set.texels, pictures));
     let header = json!({
         "kind": "planes", "planes": set.planes.len(), "tiles": set.tiles.len(), "texels": set.texels.len(),
     });

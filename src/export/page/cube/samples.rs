@@ -1,8 +1,8 @@
-//! The samples of a segment as bytes that deflate makes small and a page reads in one loop
-//! (`samples.js`, its mirror).
+//! Encoding of a segment's samples that deflates well and that a page decodes in one loop
+//! (`samples.js`, its counterpart).
 //!
-//! A part holds some blocks of [`BLOCK_PX`] face pixels a side. One array after the other, each as
-//! long as it must be:
+//! A part has some blocks of [`BLOCK_PX`] face pixels a side, as arrays of variable length, one
+//! after the other:
 //!
 //! ```text
 //! blocks   u16 column, u16 row of each block, in blocks, little-endian
@@ -12,28 +12,29 @@
 //! colour   four arrays of a byte a sample: green, red - green, blue - green and alpha, each minus its expectation
 //! ```
 //!
-//! What is expected of a sample stands in a neighbouring pixel, on the left or else above, as many
-//! surfaces from the nearest. On a plane, inverse depth is affine in the pixels, so that left +
-//! above - above left is exact there.
+//! A sample is predicted from the neighbouring pixel on the left or else above, by the sample at
+//! the same position counted from the nearest. On a plane, inverse depth is affine in the pixels,
+//! so left + above - above left predicts it exactly.
 
+use crate::page::zigzag;
 use headbox_cube::pack::{INVERSE_DEPTH_CODE_MAX, PackedDepthPixel, PackedSegment};
 
-/// Pixels a side of a block.
+/// Size of a block, face pixels.
 pub(super) const BLOCK_PX: u32 = 32;
 
-/// Samples after which a part ends with its block.
+/// Number of samples after which a part ends, at the end of a block.
 const PART_SAMPLES: usize = 1 << 17;
 
-/// Some blocks of a segment.
+/// Encoded blocks of a segment.
 pub(super) struct SamplePart {
     pub(super) bytes: Vec<u8>,
     pub(super) blocks: usize,
     pub(super) samples: usize,
 }
 
-/// All samples of a segment.
+/// Encodes all samples of a segment.
 pub(super) fn parts(segment: &PackedSegment) -> Vec<SamplePart> {
-    let (mut parts, mut part) = (Vec::new(), SegmentBytes::default());
+    let (mut parts, mut part) = (Vec::new(), PartEncoder::default());
     let blocks = |first: u32, length: u32| first / BLOCK_PX..(first + length).div_ceil(BLOCK_PX);
     for row in blocks(segment.y0, segment.height) {
         for column in blocks(segment.x0, segment.width) {
@@ -57,14 +58,15 @@ struct Pixel {
 }
 
 impl Pixel {
-    /// The sample that is as many surfaces from the nearest as the `i`th of `count`.
-    fn beside(self, i: usize, count: usize) -> usize {
+    /// Returns the index of the sample at the same position from the nearest as the `i`th of
+    /// `count`.
+    fn counterpart(self, i: usize, count: usize) -> usize {
         self.start + (self.count + i).saturating_sub(count)
     }
 }
 
 #[derive(Default)]
-struct SegmentBytes {
+struct PartEncoder {
     blocks: Vec<u8>,
     counts: Vec<u8>,
     codes: Vec<i32>,
@@ -74,7 +76,14 @@ struct SegmentBytes {
     color: [Vec<u8>; 4],
 }
 
-impl SegmentBytes {
+/// Appends a byte to each plane, lowest first.
+fn push_bytes<const N: usize, const BYTES: usize>(planes: &mut [Vec<u8>; N], bytes: [u8; BYTES]) {
+    for (plane, byte) in planes.iter_mut().zip(bytes) {
+        plane.push(byte);
+    }
+}
+
+impl PartEncoder {
     fn add(&mut self, segment: &PackedSegment, column: u32, row: u32) {
         let (counts, samples) = (self.counts.len(), self.samples.len());
         let side = BLOCK_PX as usize;
@@ -84,15 +93,15 @@ impl SegmentBytes {
                 column * BLOCK_PX + (i % side) as u32,
                 row * BLOCK_PX + (i / side) as u32,
             );
-            let of_pixel = match (x.checked_sub(segment.x0), y.checked_sub(segment.y0)) {
+            let pixel_samples = match (x.checked_sub(segment.x0), y.checked_sub(segment.y0)) {
                 (Some(x), Some(y)) => segment.pixel(x, y),
                 _ => &[],
             };
             pixels[i] = Pixel {
                 start: self.samples.len(),
-                count: of_pixel.len(),
+                count: pixel_samples.len(),
             };
-            let mut left = of_pixel.len();
+            let mut left = pixel_samples.len();
             while left >= 255 {
                 self.counts.push(255);
                 left -= 255;
@@ -107,8 +116,13 @@ impl SegmentBytes {
             };
             let (on_left, above) = (neighbour(i % side > 0, 1), neighbour(i >= side, side));
             let above_left = neighbour(i % side > 0 && i >= side, side + 1);
-            for (k, sample) in of_pixel.iter().enumerate() {
-                self.put(*sample, k, of_pixel.len(), [on_left, above, above_left]);
+            for (k, sample) in pixel_samples.iter().enumerate() {
+                self.put(
+                    *sample,
+                    k,
+                    pixel_samples.len(),
+                    [on_left, above, above_left],
+                );
             }
         }
         if self.samples.len() == samples {
@@ -132,12 +146,12 @@ impl SegmentBytes {
         let all = [left, above, above_left]
             .iter()
             .all(|pixel| pixel.count == count);
-        let beside = match (left.count, above.count) {
-            (1.., _) => Some(left.beside(i, count)),
-            (0, 1..) => Some(above.beside(i, count)),
+        let predictor = match (left.count, above.count) {
+            (1.., _) => Some(left.counterpart(i, count)),
+            (0, 1..) => Some(above.counterpart(i, count)),
             (0, 0) => self.samples.len().checked_sub(1),
         };
-        let expected = match (all, beside) {
+        let expected = match (all, predictor) {
             (true, _) => {
                 self.codes[left.start + i] + self.codes[above.start + i]
                     - self.codes[above_left.start + i]
@@ -147,24 +161,18 @@ impl SegmentBytes {
         };
         let code = sample.inverse_depth_code() as i32;
         let off = code - expected.clamp(0, INVERSE_DEPTH_CODE_MAX as i32);
-        let zigzag = (off << 1 ^ off >> 31).to_le_bytes();
-        self.depth
-            .iter_mut()
-            .zip(zigzag)
-            .for_each(|(plane, byte)| plane.push(byte));
-        let beside = beside.map_or(
+        push_bytes(&mut self.depth, zigzag(off).to_le_bytes());
+        let predictor = predictor.map_or(
             PackedDepthPixel {
                 geometry: 0,
                 color_srgb: [0; 4],
             },
             |at| self.samples[at],
         );
-        let splat = (sample.splat_index().wrapping_sub(beside.splat_index()) & 0x7ff).to_le_bytes();
-        self.splat
-            .iter_mut()
-            .zip(splat)
-            .for_each(|(plane, byte)| plane.push(byte));
-        let ([r, g, b, a], [er, eg, eb, ea]) = (sample.color_srgb, beside.color_srgb);
+        let splat =
+            (sample.splat_index().wrapping_sub(predictor.splat_index()) & 0x7ff).to_le_bytes();
+        push_bytes(&mut self.splat, splat);
+        let ([r, g, b, a], [er, eg, eb, ea]) = (sample.color_srgb, predictor.color_srgb);
         let (dr, dg, db) = (r.wrapping_sub(er), g.wrapping_sub(eg), b.wrapping_sub(eb));
         let color = [
             dg,
@@ -172,10 +180,7 @@ impl SegmentBytes {
             db.wrapping_sub(dg),
             a.wrapping_sub(ea),
         ];
-        self.color
-            .iter_mut()
-            .zip(color)
-            .for_each(|(plane, byte)| plane.push(byte));
+        push_bytes(&mut self.color, color);
         self.codes.push(code);
         self.samples.push(sample);
     }

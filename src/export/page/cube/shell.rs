@@ -1,6 +1,5 @@
-//! Preview of a page: the scene as seen from the middle of the headbox, a small image with depth in
-//! all directions. From other positions it has parallax and no holes, but nothing behind the
-//! nearest surface.
+//! Preview of a page: a small image with depth in all directions from the centre of the headbox.
+//! From other positions it has parallax and no holes, but nothing behind the nearest surface.
 
 use super::super::Part;
 use crate::ExportError;
@@ -13,15 +12,15 @@ use image::RgbImage;
 use image::codecs::jpeg::JpegEncoder;
 use serde_json::json;
 
-/// The most pixels a side of a face's picture; captures with smaller faces have as many as those.
+/// Maximum size of a face's image, pixels; smaller faces keep their size.
 const MAX_PX: u32 = 384;
-/// Side of a square that has one depth, in preview pixels.
+/// Size of a square of constant depth, preview pixels.
 const SQUARE_PX: u32 = 4;
-/// Quality of the JPEG file.
+/// JPEG quality.
 const QUALITY: u8 = 45;
 
-/// The depths, a byte of 1 / eye depth each, row by row and face by face, each less the one before;
-/// then a JPEG file of the faces, one below another.
+/// Encodes the preview: inverse eye depths of a byte each, row by row and face by face, as
+/// differences; then a JPEG file of the faces, stacked vertically.
 pub(super) fn part(cube: &CubeLdi) -> Result<Part, ExportError> {
     let color_px = (cube.face_size_px / SQUARE_PX * SQUARE_PX).clamp(16, MAX_PX);
     let mut picture = RgbImage::new(color_px, 6 * color_px);
@@ -48,10 +47,10 @@ pub(super) fn part(cube: &CubeLdi) -> Result<Part, ExportError> {
             .pixels_mut()
             .skip(i * (color_px * color_px) as usize);
         rows.zip(colors).for_each(|(to, from)| *to = from);
-        inverse_depths.extend(shrunk(&frame.depth_m, color_px));
+        inverse_depths.extend(median_inverse_depths(&frame.depth_m, color_px));
     }
     let nearest = inverse_depths.iter().copied().fold(0.0, f32::max);
-    let coded = |q: &f32| {
+    let quantise = |q: &f32| {
         if nearest > 0.0 {
             (q / nearest * 255.0).round() as u8
         } else {
@@ -60,7 +59,7 @@ pub(super) fn part(cube: &CubeLdi) -> Result<Part, ExportError> {
     };
     let mut before = 0u8;
     let mut bytes: Vec<u8> = Vec::new();
-    for code in inverse_depths.iter().map(coded) {
+    for code in inverse_depths.iter().map(quantise) {
         bytes.push(code.wrapping_sub(before));
         before = code;
     }
@@ -73,9 +72,9 @@ pub(super) fn part(cube: &CubeLdi) -> Result<Part, ExportError> {
     })
 }
 
-/// 1 / eye depth of a face of `side` pixels in squares: what half of a square's pixels have at
-/// most.
-fn shrunk(depths_m: &[f32], side: u32) -> Vec<f32> {
+/// Reduces the eye depths of a face of `side` pixels to one inverse eye depth per square: the upper
+/// median.
+fn median_inverse_depths(depths_m: &[f32], side: u32) -> Vec<f32> {
     let corners = || (0..side).step_by(SQUARE_PX as usize);
     let squares = corners().flat_map(|y| corners().map(move |x| (x, y)));
     let median = |(x, y): (u32, u32)| {
@@ -100,7 +99,7 @@ mod tests {
             depths_m[y * 16..][4..8].fill(2.0);
         }
         depths_m[9] = 1.0;
-        let found = shrunk(&depths_m, 16);
+        let found = median_inverse_depths(&depths_m, 16);
         assert_eq!(found.len(), 16);
         assert_eq!(found[..3], [0.0, 0.5, 0.0]);
     }

@@ -1,16 +1,17 @@
-//! The surfaces of a cell in pieces that a page draws at once, as bytes that deflate makes small
-//! (`mesh.js`, its mirror).
+//! Encoding of a cell's surfaces in chunks that a page draws at once, as bytes that deflate well
+//! (`mesh.js`, its counterpart).
 //!
-//! A piece has at most 65,536 vertices, so that corners take two bytes. One array after the other,
-//! each as its bytes from the lowest on (all lowest bytes, then the next, and so on):
+//! A chunk has at most 65,536 vertices, so that corners take two bytes. Each array is stored as
+//! byte planes (all lowest bytes, then the next, and so on), one array after the other:
 //!
 //! ```text
-//! corners     u16 three a triangle: how far back from the first vertex that no corner has named yet
+//! corners     u16 three a triangle: how far back from the first vertex that no corner has vertices yet
 //! positions   i32 x, then y, then z: steps of POSITION_STEP_M, each the zigzag of what it is more than that of the vertex before
 //! colours     u16 red, then green, then blue: binary16, likewise
 //! texcoords   u32 u, then v: binary32, likewise; only where a material has a texture
 //! ```
 
+use crate::page::{byte_planes, zigzag};
 use exr::prelude::f16;
 use glam::{DVec3, Vec2, Vec3};
 use headbox_house::house::House;
@@ -23,16 +24,16 @@ use std::collections::HashMap;
 /// 32 bits.
 pub(super) const POSITION_STEP_M: f64 = 1.0 / 65_536.0;
 
-/// Triangles of a piece: few enough that a page leaves out what does not show, and that no corner's
-/// number has more than 16 bits.
-const PIECE_TRIANGLES: usize = 16_384;
+/// Maximum number of triangles of a chunk: few enough that a page can cull chunks, and that corner
+/// indices fit in 16 bits.
+const CHUNK_TRIANGLES: usize = 16_384;
 
-/// A piece of a cell's surfaces.
+/// Part of a cell's surfaces.
 pub(super) struct Chunk {
     pub(super) cell: u32,
-    /// Lowest and highest corner of its box, metres from the house's origin.
+    /// Lowest and highest corner of its bounding box, metres from the house's origin.
     pub(super) bounds: [DVec3; 2],
-    /// Material, and triangles that have it one after the other.
+    /// Materials with their numbers of successive triangles.
     pub(super) runs: Vec<(u32, usize)>,
     pub(super) vertices: usize,
     pub(super) triangles: usize,
@@ -41,25 +42,25 @@ pub(super) struct Chunk {
 }
 
 impl Chunk {
-    /// The materials that it shows.
+    /// Returns the materials of its triangles.
     pub(super) fn materials(&self) -> impl Iterator<Item = u32> + '_ {
         self.runs.iter().map(|(material, _)| *material)
     }
 }
 
-/// All surfaces of a house, cell by cell.
+/// Encodes all surfaces of a house, cell by cell.
 pub(super) fn chunks(house: &House) -> Vec<Chunk> {
-    cut(house, PIECE_TRIANGLES)
+    split_house(house, CHUNK_TRIANGLES)
 }
 
-/// The same in pieces of so many triangles.
-fn cut(house: &House, most: usize) -> Vec<Chunk> {
+/// Same as [`chunks`] with at most `most` triangles per chunk.
+fn split_house(house: &House, most: usize) -> Vec<Chunk> {
     let (scene, origin) = (house.scene(), house.mesh().origin());
     let mut pieces = Vec::new();
-    for (cell, of_cell) in (0..).zip(&house.plan().cells) {
-        let end = of_cell.triangles.end.min(scene.triangles.len() as u32);
-        let drawn: Vec<u32> = (of_cell.triangles.start..end)
-            .filter(|triangle| has_room(scene, origin, *triangle))
+    for (cell, plan_cell) in (0..).zip(&house.plan().cells) {
+        let end = plan_cell.triangles.end.min(scene.triangles.len() as u32);
+        let drawn: Vec<u32> = (plan_cell.triangles.start..end)
+            .filter(|triangle| is_in_range(scene, origin, *triangle))
             .collect();
         split(scene, drawn, most, &mut |piece| pieces.push((cell, piece)));
     }
@@ -69,8 +70,8 @@ fn cut(house: &House, most: usize) -> Vec<Chunk> {
         .collect()
 }
 
-/// Returns true if a triangle's positions fit.
-fn has_room(scene: &Scene, origin: DVec3, triangle: u32) -> bool {
+/// Returns true if a triangle's positions fit in 32 bits.
+fn is_in_range(scene: &Scene, origin: DVec3, triangle: u32) -> bool {
     let limit = f64::from(i32::MAX / 2) * POSITION_STEP_M;
     scene
         .corners(triangle)
@@ -78,9 +79,9 @@ fn has_room(scene: &Scene, origin: DVec3, triangle: u32) -> bool {
         .all(|p| (*p - origin).abs().max_element() < limit)
 }
 
-/// Halves triangles along the longest side of their middles' box until they are few enough; those
-/// of a half keep their order, so that of two in the same place the same one shows as in other
-/// frames.
+/// Splits triangles in halves along the longest axis of their centroids' bounding box until they
+/// are few enough. Both halves keep the order of triangles, so that of two coplanar ones the same
+/// one shows as in other frames.
 fn split(scene: &Scene, triangles: Vec<u32>, most: usize, put: &mut dyn FnMut(Vec<u32>)) {
     if triangles.len() <= most {
         if !triangles.is_empty() {
@@ -88,8 +89,8 @@ fn split(scene: &Scene, triangles: Vec<u32>, most: usize, put: &mut dyn FnMut(Ve
         }
         return;
     }
-    let middle = |triangle: u32| scene.corners(triangle).iter().sum::<DVec3>();
-    let [low, high] = bounds(triangles.iter().map(|triangle| middle(*triangle)));
+    let centroid = |triangle: u32| scene.corners(triangle).iter().sum::<DVec3>();
+    let [low, high] = bounds(triangles.iter().map(|triangle| centroid(*triangle)));
     let extent = high - low;
     let axis = (0..3).fold(0, |longest, axis| {
         if extent[axis] > extent[longest] {
@@ -99,7 +100,7 @@ fn split(scene: &Scene, triangles: Vec<u32>, most: usize, put: &mut dyn FnMut(Ve
         }
     });
     let mut order: Vec<u32> = (0..triangles.len() as u32).collect();
-    let along = |i: &u32| middle(triangles[*i as usize])[axis];
+    let along = |i: &u32| centroid(triangles[*i as usize])[axis];
     order.sort_by(|a, b| along(a).total_cmp(&along(b)));
     let (first, second) = order.split_at(order.len() / 2);
     for half in [first, second] {
@@ -121,9 +122,9 @@ fn bounds(points: impl Iterator<Item = DVec3>) -> [DVec3; 2] {
 }
 
 fn encode(scene: &Scene, origin: DVec3, cell: u32, mut piece: Vec<u32>) -> Chunk {
-    let material_of = |triangle: &u32| scene.triangles[*triangle as usize].material;
+    let triangle_material = |triangle: &u32| scene.triangles[*triangle as usize].material;
     let mut order: Vec<u32> = Vec::new();
-    for material in piece.iter().map(material_of) {
+    for material in piece.iter().map(triangle_material) {
         if !order.contains(&material) {
             order.push(material);
         }
@@ -131,11 +132,11 @@ fn encode(scene: &Scene, origin: DVec3, cell: u32, mut piece: Vec<u32>) -> Chunk
     piece.sort_by_key(|triangle| {
         order
             .iter()
-            .position(|material| *material == material_of(triangle))
+            .position(|material| *material == triangle_material(triangle))
     });
     let runs: Vec<(u32, usize)> = piece
-        .chunk_by(|a, b| material_of(a) == material_of(b))
-        .map(|run| (material_of(&run[0]), run.len()))
+        .chunk_by(|a, b| triangle_material(a) == triangle_material(b))
+        .map(|run| (triangle_material(&run[0]), run.len()))
         .collect();
     let textured = runs.iter().any(|(material, _)| {
         scene
@@ -145,50 +146,54 @@ fn encode(scene: &Scene, origin: DVec3, cell: u32, mut piece: Vec<u32>) -> Chunk
     });
 
     let mut known: HashMap<u32, usize> = HashMap::new();
-    let (mut named, mut corners) = (Vec::new(), Vec::with_capacity(piece.len() * 3));
+    let (mut vertices, mut corners) = (Vec::new(), Vec::with_capacity(piece.len() * 3));
     for vertex in piece
         .iter()
         .flat_map(|triangle| scene.triangles[*triangle as usize].vertices)
     {
-        let next = named.len();
+        let next = vertices.len();
         let number = *known.entry(vertex).or_insert(next);
         if number == next {
-            named.push(vertex as usize);
+            vertices.push(vertex as usize);
         }
         corners.push((next - number) as u32);
     }
-    let mut bytes = planes(&corners, 2);
+    let mut bytes = byte_planes(&corners, 2);
     let steps = |vertex: &usize| ((scene.positions[*vertex] - origin) / POSITION_STEP_M).round();
     for axis in 0..3 {
-        bytes.extend(planes(
-            &zigzags(named.iter().map(|vertex| steps(vertex)[axis] as i32)),
+        bytes.extend(byte_planes(
+            &zigzag_differences(vertices.iter().map(|vertex| steps(vertex)[axis] as i32)),
             4,
         ));
     }
     let color = |vertex: &usize| scene.colors.get(*vertex).copied().unwrap_or(Vec3::ONE);
     for channel in 0..3 {
-        let halves = named
+        let halves = vertices
             .iter()
             .map(|vertex| i32::from(f16::from_f32(color(vertex)[channel].max(0.0)).to_bits()));
-        bytes.extend(planes(&zigzags(halves), 2));
+        bytes.extend(byte_planes(&zigzag_differences(halves), 2));
     }
     let texcoord = |vertex: &usize| scene.texcoords.get(*vertex).copied().unwrap_or(Vec2::ZERO);
     for axis in (0..2).filter(|_| textured) {
-        bytes.extend(planes(
-            &zigzags(
-                named
+        bytes.extend(byte_planes(
+            &zigzag_differences(
+                vertices
                     .iter()
                     .map(|vertex| texcoord(vertex)[axis].to_bits() as i32),
             ),
             4,
         ));
     }
-    let bounds = bounds(named.iter().map(|vertex| scene.positions[*vertex] - origin));
+    let bounds = bounds(
+        vertices
+            .iter()
+            .map(|vertex| scene.positions[*vertex] - origin),
+    );
     Chunk {
         cell,
         bounds,
         runs,
-        vertices: named.len(),
+        vertices: vertices.len(),
         triangles: piece.len(),
         textured,
         bytes,
@@ -203,21 +208,11 @@ fn is_textured(material: &Material) -> bool {
         || material.cutout.is_some()
 }
 
-/// Differences between successive numbers, wrapping around, the sign in the lowest bit.
-fn zigzags(numbers: impl Iterator<Item = i32>) -> Vec<u32> {
-    let mut before = 0i32;
-    let mut zigzag = |number: i32| {
-        let more = number.wrapping_sub(before);
-        before = number;
-        (more << 1 ^ more >> 31) as u32
-    };
-    numbers.map(&mut zigzag).collect()
-}
-
-/// The lowest bytes of all numbers, then the next, up to `width` bytes a number.
-fn planes(numbers: &[u32], width: usize) -> Vec<u8> {
-    (0..width)
-        .flat_map(|k| numbers.iter().map(move |number| number.to_le_bytes()[k]))
+/// Returns the wrapping differences between successive numbers, with the sign in the lowest bit.
+fn zigzag_differences(numbers: impl Iterator<Item = i32>) -> Vec<u32> {
+    let mut previous = 0i32;
+    numbers
+        .map(|number| zigzag(number.wrapping_sub(std::mem::replace(&mut previous, number))))
         .collect()
 }
 
@@ -310,7 +305,7 @@ mod tests {
         model.mend();
         let house = House::new(model).expect("a house");
         let (scene, origin) = (house.scene(), house.mesh().origin());
-        let all = cut(&house, 100);
+        let all = split_house(&house, 100);
         assert!(
             all.len() > 2 * house.plan().cells.len(),
             "{} pieces",

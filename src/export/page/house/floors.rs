@@ -1,8 +1,7 @@
-//! Walkable area of a house: a grid for each storey.
+//! Walkable area of a house, a grid per storey.
 //!
-//! A place is free if the eye above it is in a room and nothing that reaches to its height is
-//! nearer than a shoulder; and in doors, whose leaves, if the model has them closed, are walked
-//! through. Windows are not passed.
+//! A node is free if an eye above it is in a room and no surface at its height is nearer than a
+//! shoulder; also in doors, because a model may have closed leaves. Windows are never free.
 
 use glam::{DVec2, DVec3, Vec3};
 use headbox_house::house::{EYE_HEIGHT_M, House, REVEAL_M};
@@ -13,28 +12,28 @@ use headbox_trace::bvh::Ray;
 use rayon::prelude::*;
 use serde_json::{Value, json};
 
-/// Distance between places, metres, unless a storey is very large.
+/// Distance between nodes, metres, unless a storey is very large.
 const STEP_M: f64 = 0.05;
-/// Places along a side, at most.
-const MOST: f64 = 2000.0;
-/// Storeys whose floors are nearer than this are one, metres.
+/// Maximum number of nodes along a side.
+const MAX_NODES: f64 = 2000.0;
+/// Floors nearer than this belong to one storey, metres.
 const STOREY_M: f64 = 0.5;
-/// Height below which a place is a window's niche rather than a room, metres.
+/// Height below which a space is a window niche rather than a room, metres.
 const ROOM_M: f64 = 1.8;
-/// Distance kept between the eye and surfaces beside it, metres; twice this is wider than the step,
-/// so that not even a thin sheet is passed.
+/// Horizontal distance between the eye and surfaces, metres; twice this exceeds the step, so that
+/// even a thin sheet cannot be crossed.
 const SHOULDER_M: f32 = 0.15;
 
-/// The places of a storey.
+/// Walkable grid of a storey.
 #[derive(Debug)]
 pub(super) struct Floor {
-    /// Height of an eye, and where the first place is, (x, z); world metres.
+    /// Height of the eye, and position of the first node (x, z); world metres.
     eye_y: f64,
     low: DVec2,
     step: f64,
     columns: usize,
     rows: usize,
-    /// Row by row: 1 where one may stand, else 0.
+    /// Row by row: 1 for a free node, else 0.
     pub(super) free: Vec<u8>,
 }
 
@@ -63,7 +62,7 @@ impl WalkablePortal {
     }
 
     /// Returns true if an eye is in the opening, away from its jambs.
-    fn holds(&self, eye: DVec3) -> bool {
+    fn contains(&self, eye: DVec3) -> bool {
         let aside = self.opening.right * f64::from(SHOULDER_M).min(self.opening.half.x / 2.0);
         self.opening.distance_in_front(eye).abs() < REVEAL_M
             && [eye - aside, eye + aside]
@@ -72,7 +71,7 @@ impl WalkablePortal {
     }
 }
 
-/// The storeys of a house, the lowest first.
+/// Returns the walkable grids of a house, the lowest storey first.
 pub(super) fn floors(house: &House) -> Vec<Floor> {
     let is_room =
         |prism: &&Prism| prism.floor_y.is_finite() && prism.ceiling_y - prism.floor_y >= ROOM_M;
@@ -93,13 +92,13 @@ pub(super) fn floors(house: &House) -> Vec<Floor> {
         .iter()
         .filter_map(|portal| WalkablePortal::new(house, portal))
         .collect();
-    let of_height = |height: &f64| {
+    let storey = |height: &f64| {
         let here: Vec<&Prism> = rooms()
             .filter(|prism| (0.0..STOREY_M).contains(&(prism.floor_y - height)))
             .collect();
         floor(house, &passages, &here, height + EYE_HEIGHT_M)
     };
-    heights.iter().filter_map(of_height).collect()
+    heights.iter().filter_map(storey).collect()
 }
 
 fn floor(
@@ -115,7 +114,7 @@ fn floor(
             .filter(|p| p.is_finite())
     };
     let (low, high) = (corners().reduce(DVec2::min)?, corners().reduce(DVec2::max)?);
-    let step = STEP_M.max((high - low).max_element() / MOST);
+    let step = STEP_M.max((high - low).max_element() / MAX_NODES);
     let [columns, rows] =
         [high.x - low.x, high.y - low.y].map(|side| (side / step).ceil() as usize + 1);
     let at = |i: usize| {
@@ -145,7 +144,7 @@ fn is_free(house: &House, passages: &[WalkablePortal], eye: DVec3) -> bool {
     let holds = |is_door: bool| {
         passages
             .iter()
-            .any(|passage| passage.is_door == is_door && passage.holds(eye))
+            .any(|passage| passage.is_door == is_door && passage.contains(eye))
     };
     in_room && (holds(true) || !holds(false) && has_elbow_room(house, eye))
 }
@@ -249,7 +248,7 @@ mod tests {
                 if !both
                     || passages
                         .iter()
-                        .any(|p| p.is_door && (p.holds(from) || p.holds(at(beside))))
+                        .any(|p| p.is_door && (p.contains(from) || p.contains(at(beside))))
                 {
                     continue;
                 }

@@ -1,8 +1,8 @@
-//! A house as a page: its surfaces with their light and textures, its sky, and where one may walk.
+//! Page of a house: its surfaces with their light and textures, its sky, and its walkable area.
 //!
-//! Backdrops are left out: they stand in for geometry where a processor has to draw it, and what
-//! draws pages draws all of a home. Which cells show is found by the rule of
-//! [`headbox_house::cull`] in the page again (`cells.js`); it spares the other cells' vertices.
+//! Backdrops are left out: they replace geometry for rendering on a CPU, and a GPU that displays
+//! pages can draw a whole home. The page determines visible cells itself by the rule of
+//! [`headbox_house::cull`] (`cells.js`), to skip the other cells' vertices.
 
 mod chunks;
 mod floors;
@@ -42,7 +42,7 @@ pub(super) fn content(house: &House, first: &Camera) -> Result<Content, ExportEr
         header: json!({"kind": "floor", "floor": number}),
         bytes: floor.free.clone(),
     }));
-    let shown = shown_first(house, first);
+    let shown = first_visible_cells(house, first);
     let chunks = chunks::chunks(house);
     let used: BTreeSet<u32> = chunks.iter().flat_map(Chunk::materials).collect();
     let is_first = |chunk: &Chunk| {
@@ -63,8 +63,8 @@ pub(super) fn content(house: &House, first: &Camera) -> Result<Content, ExportEr
     })
 }
 
-/// The cells that show in the first view; `None` for all.
-fn shown_first(house: &House, first: &Camera) -> Option<BTreeSet<u32>> {
+/// Returns the cells that are visible in the first view; `None` for all.
+fn first_visible_cells(house: &House, first: &Camera) -> Option<BTreeSet<u32>> {
     let cell = house.cell_of_eye(first.eye())?;
     let views = visible_cells(house.plan(), first, cell, &Limits::default(), |_, _| true);
     Some(views.iter().map(|view| view.cell).collect())
@@ -81,7 +81,7 @@ fn mesh(chunk: &Chunk, later: bool) -> Part {
     }
 }
 
-/// The textures of some materials, each a PNG file.
+/// Encodes the textures of the used materials, each as a PNG file.
 fn textures(
     materials: &[Material],
     used: &BTreeSet<u32>,
@@ -148,7 +148,7 @@ fn header(house: &House, first: &Camera, floors: &[Floor]) -> Value {
     })
 }
 
-/// A JPEG file of what a camera sees.
+/// Renders the first view as a JPEG file.
 fn poster(house: &House, first: &Camera) -> Result<Vec<u8>, ExportError> {
     let camera = Camera::look_at(
         first.eye(),

@@ -1,9 +1,9 @@
-//! A layered lumigraph as a page: the images of its cameras, and the layer of each of their pixels.
+//! Page of a layered lumigraph: the images of its cameras, and the layer of each of their pixels.
 //!
-//! Frames are blended ray by ray from the four cameras about it, by the rules of
-//! [`headbox_lumigraph`]; what a frame merges is planned in the page (`plan.js`).
+//! Rays are blended from the four cameras around each, by the rules of [`headbox_lumigraph`]; the
+//! page plans the layers that a frame merges itself (`plan.js`).
 
-use super::{Content, MAX_PAGE_BYTES, Part, environment, png};
+use super::{Content, Part, byte_planes, check_size, environment, png};
 use crate::{ExportError, POSTER_PX, jpeg};
 use glam::DVec3;
 use headbox_core::camera::Camera;
@@ -17,19 +17,13 @@ pub(super) const MODULES: &[&str] = &[
     include_str!("renderer.js"),
 ];
 
-/// Width and height of the frame whose field of view the page begins with.
+/// Frame size that determines the initial field of view.
 const FIRST_PX: [u32; 2] = [1024, 768];
 
 /// Builds the content of a page of a lumigraph.
 pub(super) fn content(lumigraph: &Lumigraph) -> Result<Content, ExportError> {
     let grid = lumigraph.grid();
-    let at_least = (grid.camera_count() * grid.picture_pixels()) as u64 / 4;
-    if at_least > MAX_PAGE_BYTES {
-        return Err(ExportError::TooLarge {
-            bytes: at_least,
-            limit: MAX_PAGE_BYTES,
-        });
-    }
+    check_size((grid.camera_count() * grid.picture_pixels()) as u64 / 4)?;
     let mut parts = Vec::new();
     if lumigraph.environment.size_px > 0 {
         parts.push(environment(&lumigraph.environment));
@@ -60,7 +54,7 @@ pub(super) fn content(lumigraph: &Lumigraph) -> Result<Content, ExportError> {
                 .collect();
             let mut header = json!({"kind": "colors", "camera": camera, "later": later});
             if Some(camera) == shown.new.last() {
-                header["shows"] = json!({"columns": shown.places[0], "rows": shown.places[1]});
+                header["shows"] = json!({"columns": shown.lines[0], "rows": shown.lines[1]});
             }
             parts.push(Part {
                 header,
@@ -89,49 +83,47 @@ pub(super) fn content(lumigraph: &Lumigraph) -> Result<Content, ExportError> {
     })
 }
 
-/// Cameras that a page shows from a time on: a grid of their own.
+/// Step of the progressive transfer: a sparser grid of cameras that the page can render.
 struct ImageRound {
-    /// Numbers of its columns and rows.
-    places: [Vec<usize>; 2],
-    /// Those of its cameras that come with it.
+    /// Indices of its columns and rows.
+    lines: [Vec<usize>; 2],
+    /// Cameras that are transferred in this step.
     new: Vec<usize>,
 }
 
 /// Transfer order of a grid's images: its corners first, then each round halves the gaps.
 fn rounds([columns, rows]: [usize; 2]) -> Vec<ImageRound> {
-    let mut places = [columns, rows].map(|count| {
-        if count == 1 {
-            vec![0]
-        } else {
-            vec![0, count - 1]
-        }
+    let mut lines = [columns, rows].map(|count| {
+        let mut ends = vec![0, count - 1];
+        ends.dedup();
+        ends
     });
     let mut known = vec![false; columns * rows];
     let mut rounds = Vec::new();
     loop {
         let of_row = |row: &usize| {
-            places[0]
+            lines[0]
                 .iter()
                 .map(move |column| row * columns + column)
                 .collect::<Vec<_>>()
         };
-        let cameras = places[1].iter().flat_map(of_row);
+        let cameras = lines[1].iter().flat_map(of_row);
         let new = cameras
             .filter(|camera| !std::mem::replace(&mut known[*camera], true))
             .collect();
         rounds.push(ImageRound {
-            places: places.clone(),
+            lines: lines.clone(),
             new,
         });
-        if places[0].len() == columns && places[1].len() == rows {
+        if lines[0].len() == columns && lines[1].len() == rows {
             return rounds;
         }
-        places = places.map(|places| halved(&places));
+        lines = lines.map(|lines| halve_gaps(&lines));
     }
 }
 
-/// Ascending numbers, and the middles of their gaps.
-fn halved(numbers: &[usize]) -> Vec<usize> {
+/// Adds the middles of the gaps between ascending numbers.
+fn halve_gaps(numbers: &[usize]) -> Vec<usize> {
     let middles = numbers
         .windows(2)
         .map(|pair| usize::midpoint(pair[0], pair[1]));
@@ -141,21 +133,19 @@ fn halved(numbers: &[usize]) -> Vec<usize> {
     all
 }
 
-/// The layers of an image's pixels, each less the one before: low bytes, then high ones.
+/// Encodes the layers of an image's pixels as differences: low bytes, then high bytes.
 fn indices(picture: &Picture) -> Vec<u8> {
-    let before = std::iter::once(&0).chain(&picture.index);
-    let more: Vec<[u8; 2]> = picture
+    let previous = std::iter::once(&0).chain(&picture.index);
+    let differences: Vec<u32> = picture
         .index
         .iter()
-        .zip(before)
-        .map(|(index, before)| index.wrapping_sub(*before).to_le_bytes())
+        .zip(previous)
+        .map(|(index, previous)| index.wrapping_sub(*previous).into())
         .collect();
-    (0..2)
-        .flat_map(|byte| more.iter().map(move |two| two[byte]))
-        .collect()
+    byte_planes(&differences, 2)
 }
 
-/// A JPEG file of the first view.
+/// Renders the first view as a JPEG file.
 fn poster(lumigraph: &Lumigraph) -> Result<Vec<u8>, ExportError> {
     let (grid, fov_y_deg) = (lumigraph.grid(), lumigraph.clear_fov_deg(POSTER_PX));
     let axes = grid.world_from_eye();
@@ -176,18 +166,15 @@ mod tests {
     fn corners_come_first_and_every_camera_once() {
         for [columns, rows] in [[1, 1], [1, 5], [2, 2], [4, 4], [8, 3], [7, 9]] {
             let (mut known, rounds) = (Vec::new(), rounds([columns, rows]));
-            for ImageRound { places, new } in &rounds {
+            for ImageRound { lines, new } in &rounds {
                 known.extend(new);
                 assert!(
-                    !new.is_empty()
-                        && places
-                            .iter()
-                            .all(|places| places.is_sorted_by(|a, b| a < b))
+                    !new.is_empty() && lines.iter().all(|lines| lines.is_sorted_by(|a, b| a < b))
                 );
                 // All that it shows is there.
-                for (row, column) in places[1]
+                for (row, column) in lines[1]
                     .iter()
-                    .flat_map(|row| places[0].iter().map(move |column| (row, column)))
+                    .flat_map(|row| lines[0].iter().map(move |column| (row, column)))
                 {
                     assert!(known.contains(&(row * columns + column)), "{row} {column}");
                 }
@@ -198,7 +185,7 @@ mod tests {
         }
         let columns: Vec<Vec<usize>> = rounds([8, 1])
             .into_iter()
-            .map(|shown| shown.places[0].clone())
+            .map(|shown| shown.lines[0].clone())
             .collect();
         assert_eq!(
             columns,

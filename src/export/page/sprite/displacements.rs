@@ -1,54 +1,41 @@
-//! Displacements as what they are more than their neighbours say (`field.js` reads them).
+//! Predictive encoding of displacements (`field.js` decodes it).
 
+use crate::page::{byte_planes, zigzag};
 use headbox_sprite::{Displacement, DisplacementFormat};
 
-/// The stored numbers of a displacement, one byte of all after the other, lowest first: the zigzag
-/// of each less its expectation, which is the median of the number on the left, the one above, and
-/// left + above - above left (that of JPEG-LS: one of the two beside edges). Floating-point numbers
-/// count as the integers that their bits are.
-pub(super) fn rests(displacement: &Displacement) -> Vec<u8> {
+/// Encodes the stored numbers of a displacement as zigzagged differences from their predictions, in
+/// byte planes, lowest first. The prediction is that of JPEG-LS: the median of the left number, the
+/// one above, and left + above - above left. Floating-point numbers are treated as the integers of
+/// their bits.
+pub(super) fn encode(displacement: &Displacement) -> Vec<u8> {
     let width = displacement.size().0 as usize;
     let stored = displacement.stored_bytes();
+    let (pairs, fours) = (stored.as_chunks().0.iter(), stored.as_chunks().0.iter());
     let (size, numbers): (usize, Vec<i32>) = match displacement.format() {
         DisplacementFormat::I8 => (
             1,
             stored
                 .iter()
-                .map(|byte| i32::from(byte.cast_signed()))
+                .map(|byte| byte.cast_signed().into())
                 .collect(),
         ),
         DisplacementFormat::I16 => (
             2,
-            stored
-                .as_chunks::<2>()
-                .0
-                .iter()
-                .map(|two| i32::from(i16::from_le_bytes(*two)))
-                .collect(),
+            pairs.map(|two| i16::from_le_bytes(*two).into()).collect(),
         ),
-        DisplacementFormat::F32 => (
-            4,
-            stored
-                .as_chunks::<4>()
-                .0
-                .iter()
-                .map(|four| i32::from_le_bytes(*four))
-                .collect(),
-        ),
+        DisplacementFormat::F32 => (4, fours.map(|four| i32::from_le_bytes(*four)).collect()),
     };
-    // Numbers are added as their own size wraps.
+    // Differences wrap at the size of the numbers.
     let unused = 32 - 8 * size as u32;
-    let rest = |(i, number): (usize, &i32)| {
-        let off = number.wrapping_sub(expected(&numbers, width, i)) << unused >> unused;
-        (off << 1 ^ off >> 31).to_le_bytes()
+    let residual = |(i, number): (usize, &i32)| {
+        let off = number.wrapping_sub(predict(&numbers, width, i)) << unused >> unused;
+        zigzag(off)
     };
-    let rests: Vec<[u8; 4]> = numbers.iter().enumerate().map(rest).collect();
-    (0..size)
-        .flat_map(|byte| rests.iter().map(move |rest| rest[byte]))
-        .collect()
+    let residuals: Vec<u32> = numbers.iter().enumerate().map(residual).collect();
+    byte_planes(&residuals, size)
 }
 
-fn expected(numbers: &[i32], width: usize, i: usize) -> i32 {
+fn predict(numbers: &[i32], width: usize, i: usize) -> i32 {
     match (i % width, i / width) {
         (0, 0) => 0,
         (0, _) => numbers[i - width],
@@ -70,15 +57,15 @@ mod tests {
     use headbox_core::random::Rng;
 
     /// Decodes as `field.js` does.
-    fn read(rests: &[u8], width: usize, count: usize, size: usize) -> Vec<i32> {
+    fn read(residuals: &[u8], width: usize, count: usize, size: usize) -> Vec<i32> {
         let unused = 32 - 8 * size as u32;
         let mut numbers: Vec<i32> = Vec::new();
         for i in 0..count {
             let zigzag = (0..size).fold(0u32, |sum, byte| {
-                sum | u32::from(rests[byte * count + i]) << (8 * byte)
+                sum | u32::from(residuals[byte * count + i]) << (8 * byte)
             });
             let off = (zigzag >> 1).cast_signed() ^ -((zigzag & 1).cast_signed());
-            numbers.push(expected(&numbers, width, i).wrapping_add(off) << unused >> unused);
+            numbers.push(predict(&numbers, width, i).wrapping_add(off) << unused >> unused);
         }
         numbers
     }
@@ -100,10 +87,10 @@ mod tests {
         ] {
             for values in [&wild, &plane] {
                 let displacement = Displacement::new(width, height, values, format).unwrap();
-                let rests = rests(&displacement);
-                assert_eq!(rests.len(), displacement.stored_bytes().len());
-                let size = rests.len() / values.len();
-                let read = read(&rests, width as usize, values.len(), size);
+                let residuals = encode(&displacement);
+                assert_eq!(residuals.len(), displacement.stored_bytes().len());
+                let size = residuals.len() / values.len();
+                let read = read(&residuals, width as usize, values.len(), size);
                 let bytes: Vec<u8> = read
                     .iter()
                     .flat_map(|number| number.to_le_bytes()[..size].to_vec())
@@ -120,7 +107,7 @@ mod tests {
             .map(|i| (2 * (i % 64) + 1) as f32 - (i / 64) as f32)
             .collect();
         let displacement = Displacement::new(64, 64, &slope, DisplacementFormat::I8).unwrap();
-        let rests = rests(&displacement);
-        assert!((0..64 * 64).all(|i| i / 64 == 0 || i % 64 == 0 || rests[i] == 0));
+        let residuals = encode(&displacement);
+        assert!((0..64 * 64).all(|i| i / 64 == 0 || i % 64 == 0 || residuals[i] == 0));
     }
 }

@@ -1,13 +1,13 @@
-//! Sprites with depth as a page: each sprite's picture and its displacements as they are stored.
+//! Page of sprites with depth: the image and the stored displacements of each sprite.
 //!
-//! The page draws in two passes, as [`headbox_sprite`] does: displacements are moved by pure
-//! parallax into a field of integers, gaps of which are filled, and each pixel of the frame finds
-//! its place in the picture by what was moved there.
+//! The page renders in two passes, as [`headbox_sprite`] does: displacements are forward-warped by
+//! pure parallax into an integer field, holes in it are filled, and each pixel of the frame samples
+//! the image backward through it.
 
 mod displacements;
 
-use super::texels::{TexelImage, rests};
-use super::{Content, MAX_PAGE_BYTES, Part, environment};
+use super::texels::{TexelImage, residuals};
+use super::{Content, Part, check_size, environment};
 use crate::of_sprites::half_size_m;
 use crate::{ExportError, POSTER_PX, jpeg};
 use glam::DVec3;
@@ -37,14 +37,8 @@ pub(super) fn content(set: &SpriteSet) -> Result<Content, ExportError> {
         .sprite()
         .camera();
     let pixels = |sprite: &PreparedSprite| sprite.sprite().sprite().color().pixels().len() as u64;
-    // No picture is deflated to less than two bits a pixel, but where nothing is.
-    let at_least = set.sprites().iter().map(pixels).sum::<u64>() / 4;
-    if at_least > MAX_PAGE_BYTES {
-        return Err(ExportError::TooLarge {
-            bytes: at_least,
-            limit: MAX_PAGE_BYTES,
-        });
-    }
+    // Hardly any image deflates to less than two bits per pixel, except where it is transparent.
+    check_size(set.sprites().iter().map(pixels).sum::<u64>() / 4)?;
     let centre = first.eye();
     let mut parts = Vec::new();
     if set.environment.size_px > 0 {
@@ -70,12 +64,12 @@ pub(super) fn content(set: &SpriteSet) -> Result<Content, ExportError> {
     Ok(Content {
         header,
         parts,
-        poster: poster(set)?,
+        poster: poster(set, first)?,
         modules: MODULES,
     })
 }
 
-/// A sprite: points of its surface, its displacements, its picture.
+/// Encodes a sprite: points of its surface, its displacements, its image.
 fn part(sprite: &PreparedSprite, centre: DVec3) -> Part {
     let points = visible_points(sprite.sprite());
     let coordinates = points
@@ -83,9 +77,9 @@ fn part(sprite: &PreparedSprite, centre: DVec3) -> Part {
         .flat_map(|point| (*point - centre).as_vec3().to_array());
     let mut bytes: Vec<u8> = coordinates.flat_map(f32::to_le_bytes).collect();
     let displacement = sprite.sprite().displacement();
-    bytes.extend(displacements::rests(displacement));
+    bytes.extend(displacements::encode(displacement));
     let color = sprite.sprite().sprite().color();
-    // What is not seen need not be known.
+    // Colours of transparent pixels are not needed.
     let texels: Vec<[u8; 4]> = color
         .pixels()
         .map(|pixel| if pixel.0[3] > 0 { pixel.0 } else { [0; 4] })
@@ -96,7 +90,7 @@ fn part(sprite: &PreparedSprite, centre: DVec3) -> Part {
         width: color.width() as usize,
         opaque,
     };
-    bytes.extend(rests(&texels, [all]));
+    bytes.extend(residuals(&texels, [all]));
     let header = json!({
         "kind": "sprite",
         "points": points.len(),
@@ -110,9 +104,9 @@ fn part(sprite: &PreparedSprite, centre: DVec3) -> Part {
     Part { header, bytes }
 }
 
-/// Camera and plane: the eye, directions of an eye depth of 1 (their change per pixel to the right
-/// and below, and at the top left corner), the plane's unit normal, its distance from the eye, and
-/// where on it the middle of the picture is.
+/// Describes camera and plane: the eye, directions at eye depth 1 (change per pixel right and down,
+/// and at the top left corner), the plane's unit normal, its distance from the eye, and the
+/// position of the image's centre on it.
 fn view(sprite: &PreparedSprite, centre: DVec3) -> Value {
     let sprite = sprite.sprite().sprite();
     let (camera, plane) = (sprite.camera(), sprite.plane());
@@ -128,15 +122,8 @@ fn view(sprite: &PreparedSprite, centre: DVec3) -> Value {
     })
 }
 
-/// A JPEG file of the first view, with no more rows than the picture that it shows.
-fn poster(set: &SpriteSet) -> Result<Vec<u8>, ExportError> {
-    let first = set
-        .sprites()
-        .first()
-        .ok_or(ExportError::Empty)?
-        .sprite()
-        .sprite()
-        .camera();
+/// Renders the first view as a JPEG file, with no more rows than the sprite's image.
+fn poster(set: &SpriteSet, first: &Camera) -> Result<Vec<u8>, ExportError> {
     let rows = first.height().min(POSTER_PX[1]);
     let size_px = [(rows * POSTER_PX[0]).div_ceil(POSTER_PX[1]), rows];
     let camera = Camera::look_at(
