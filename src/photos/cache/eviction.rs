@@ -5,34 +5,33 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
-/// Bytes of what is kept in a folder, unless what is in use takes more.
+/// Maximum number of bytes of our files in a folder, unless files in use take more.
 pub const MOST_BYTES: u64 = 4_000_000_000;
 
-/// The endings of files that are removed to make room.
+/// File extensions that may be removed.
 const ENDINGS: [&str; 4] = ["samples", "registration", "poses", "truth"];
 
-/// A kept file that is in use: it is not removed until this is dropped, by this program or another
-/// of ours.
+/// Lock on a cached file: neither this process nor another of ours removes it until this is
+/// dropped.
 #[derive(Debug)]
 pub struct InUse(#[expect(dead_code, reason = "the lock goes with the file")] File);
 
 impl InUse {
-    /// Takes note that a file is used, and used now.
+    /// Locks a file and marks it as used now.
     ///
     /// # Errors
     /// If the file cannot be opened or locked.
     pub fn of(path: &Path) -> io::Result<Self> {
         let file = File::open(path)?;
         file.lock_shared()?;
-        // Where times cannot be set, the file goes a little earlier.
+        // If the time cannot be set, the file is only removed a little earlier.
         let _ = file.set_modified(SystemTime::now());
         Ok(Self(file))
     }
 }
 
-/// Removes those of our files in a folder that were used longest ago until no more than `most`
-/// bytes are left, but none that is in use; returns how many were removed. What cannot be removed
-/// stays.
+/// Removes our least recently used files in a folder until no more than `most` bytes are left,
+/// except files in use. Returns the number of removed files. Files that cannot be removed stay.
 pub fn evict_to(folder: &Path, most: u64) -> usize {
     let Ok(entries) = std::fs::read_dir(folder) else {
         return 0;
@@ -48,13 +47,13 @@ pub fn evict_to(folder: &Path, most: u64) -> usize {
     kept.sort();
     let mut bytes: u64 = kept.iter().map(|(_, bytes, _)| bytes).sum();
     let mut removed = 0;
-    for (_, of_file, path) in kept {
+    for (_, size, path) in kept {
         if bytes <= most {
             break;
         }
         let is_free = File::open(&path).is_ok_and(|file| file.try_lock().is_ok());
         if is_free && std::fs::remove_file(&path).is_ok() {
-            bytes -= of_file;
+            bytes -= size;
             removed += 1;
         }
     }

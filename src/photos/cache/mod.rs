@@ -1,17 +1,18 @@
 //! Cache of expensive results between runs: files in the user's cache folder, named by a hash of
 //! their inputs.
 //!
-//! What was kept of an image set is found again by [`of_views`], which is the one place that says
-//! when a set is still the same. A file that is damaged is made anew, with a word ([`read`]); the
-//! files used longest ago make room ([`evict_to`]).
+//! A result about an image set is found again by the name that [`views_file_name`] gives it, the
+//! only place that decides whether a set is unchanged. A damaged file is recomputed, with a note to
+//! the user ([`read`]). The least recently used files are removed to respect a size limit
+//! ([`evict_to`]).
 
+mod eviction;
 mod refinement;
 mod registration;
-mod room;
 
+pub use eviction::{InUse, MOST_BYTES, evict_to};
 pub use refinement::refine_poses;
 pub use registration::register;
-pub use room::{InUse, MOST_BYTES, evict_to};
 
 use headbox_core::container::FileError;
 use headbox_images::View;
@@ -19,7 +20,7 @@ use std::hash::{DefaultHasher, Hasher};
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// The folder of what is kept of image sets.
+/// Name of the folder with the results about image sets.
 pub const IMAGES: &str = "images";
 
 /// A folder in the user's cache folder, `headbox/NAME`, or `None` if the system has none.
@@ -33,13 +34,13 @@ pub fn folder(name: &str) -> Option<PathBuf> {
     Some(caches.join("headbox").join(name))
 }
 
-/// The name of a file: a digest of all that `feed` writes, 128 bits of it, and an ending.
+/// Returns a file name: 128 bits of a digest of everything that `feed` writes, and an extension.
 pub fn file_name(ending: &str, feed: impl Fn(&mut DefaultHasher)) -> String {
     let [first, second] = digest(feed);
     format!("{first:016x}{second:016x}.{ending}")
 }
 
-/// 128 bits of what `feed` writes.
+/// Returns 128 bits of a digest of everything that `feed` writes.
 pub fn digest(feed: impl Fn(&mut DefaultHasher)) -> [u64; 2] {
     [0, 1].map(|lane| {
         let mut hash = DefaultHasher::new();
@@ -49,9 +50,10 @@ pub fn digest(feed: impl Fn(&mut DefaultHasher)) -> [u64; 2] {
     })
 }
 
-/// The name of a file that is made of views: of how the set describes them, of the sizes and times
-/// of their files, and of `how` it is made; `None` if one of the views has no file any more.
-pub fn of_views(ending: &str, how: &str, views: &[View]) -> Option<String> {
+/// Returns the name of the file with a result about `views`: a digest of their description in the
+/// set, the sizes and modification times of their files, and the method `how`. `None` if a file of
+/// a view no longer exists.
+pub fn views_file_name(ending: &str, how: &str, views: &[View]) -> Option<String> {
     let mut parts = vec![how.to_owned()];
     for view in views {
         parts.push(format!("{view:?}"));
@@ -78,12 +80,12 @@ pub fn of_views(ending: &str, how: &str, views: &[View]) -> Option<String> {
 pub struct CacheOrigin {
     /// True if it was read from the cache.
     pub kept: bool,
-    /// Why what was kept could not be used: a sentence.
+    /// Reason why the cached file could not be used: a sentence.
     pub note: Option<String>,
 }
 
 /// Reads a cached file with `open`; if it is absent or damaged, calls `make` and writes the result.
-fn kept_or_made<T, E>(
+fn read_or_make<T, E>(
     folder: Option<&Path>,
     name: Option<String>,
     open: impl FnOnce(&Path) -> Result<T, FileError>,
@@ -95,12 +97,12 @@ fn kept_or_made<T, E>(
         .as_deref()
         .map_or((None, None), |file| read(file, open));
     if let Some(kept) = kept {
-        // It was read: that it cannot be marked as used does no harm.
+        // It was read; failing to mark it as used does no harm.
         let _ = file.as_deref().map(InUse::of);
         return Ok((kept, CacheOrigin { kept: true, note }));
     }
     let made = make()?;
-    // A cache that cannot be written costs time, and no more.
+    // A cache that cannot be written only costs time.
     if let Some((file, folder)) = file.as_deref().zip(folder)
         && write(file, &made).is_ok()
     {
@@ -109,7 +111,7 @@ fn kept_or_made<T, E>(
     Ok((made, CacheOrigin { kept: false, note }))
 }
 
-/// Reads a cached file, if present; an unreadable one yields the reason in a sentence.
+/// Reads a cached file, if present; an unreadable one gives the reason in a sentence.
 pub fn read<T>(
     path: &Path,
     read: impl FnOnce(&Path) -> Result<T, FileError>,

@@ -1,6 +1,6 @@
-//! Refined poses of a set's views, kept so that they are found once.
+//! Cached refinement of the poses of a set's views.
 
-use super::{CacheOrigin, kept_or_made, of_views};
+use super::{CacheOrigin, read_or_make, views_file_name};
 use glam::{DMat3, DVec3};
 use headbox_core::container::{Container, ContainerWriter, FileError, FileKind};
 use headbox_images::{ImageSet, ImagesError, Pose, RefinementReport, RefinementStep};
@@ -10,7 +10,7 @@ use std::path::Path;
 /// Version of the refinement method; changes with it.
 const HOW: &str = "poses by points and planes, if colours agree better";
 
-/// Numbers of a pose.
+/// Number of values that describe a pose.
 const NUMBERS: usize = 12;
 
 /// Header of a file.
@@ -20,10 +20,10 @@ struct Header {
     report: Option<Report>,
 }
 
-/// A [`RefinementReport`], as it is written.
+/// A [`RefinementReport`] as it is serialised.
 #[derive(Serialize, Deserialize)]
 #[serde(remote = "RefinementReport")]
-struct OfReport {
+struct ReportFormat {
     #[serde(rename = "apart")]
     surface_distance: [f64; 2],
     levels: [f64; 2],
@@ -36,13 +36,13 @@ struct OfReport {
 }
 
 #[derive(Serialize, Deserialize)]
-struct Report(#[serde(with = "OfReport")] RefinementReport);
+struct Report(#[serde(with = "ReportFormat")] RefinementReport);
 
 /// Report on a set, or `None`, and the pose of each of its views.
 type CachedPoses = (Option<RefinementReport>, Vec<Pose>);
 
-/// Refines the poses of a set's views, as [`ImageSet::refine_poses`] does, or as was found when it
-/// was last done, which is kept in `folder`.
+/// Refines the poses of a set's views with [`ImageSet::refine_poses`], or reads the result of an
+/// earlier run from `folder`.
 ///
 /// # Errors
 /// [`ImagesError`] of the first view that cannot be loaded.
@@ -51,13 +51,13 @@ pub fn refine_poses(
     folder: Option<&Path>,
     look: &(dyn Fn(RefinementStep) + Sync),
 ) -> Result<(Option<RefinementReport>, CacheOrigin), ImagesError> {
-    let name = of_views("poses", HOW, &set.views);
+    let name = views_file_name("poses", HOW, &set.views);
     let views = set.views.len();
     let make = || {
         let report = set.refine_poses(look)?;
         Ok((report, set.views.iter().map(|view| view.pose).collect()))
     };
-    let ((report, poses), was) = kept_or_made(folder, name, |file| open(file, views), make, write)?;
+    let ((report, poses), was) = read_or_make(folder, name, |file| open(file, views), make, write)?;
     set.views
         .iter_mut()
         .zip(poses)
@@ -70,7 +70,7 @@ fn write(path: &Path, (report, poses): &CachedPoses) -> Result<(), FileError> {
         views: poses.len(),
         report: report.clone().map(Report),
     };
-    let numbers: Vec<f64> = poses.iter().flat_map(numbers).collect();
+    let numbers: Vec<f64> = poses.iter().flat_map(pose_values).collect();
     let mut writer = ContainerWriter::new(FileKind::POSES);
     writer.section("info", move || Ok(serde_json::to_vec(&header)?));
     writer.section("poses", || Ok(bytemuck::cast_slice(&numbers).to_vec()));
@@ -88,18 +88,18 @@ fn open(path: &Path, views: usize) -> Result<CachedPoses, FileError> {
     let numbers: Vec<[f64; NUMBERS]> = file.section("poses")?.array(views)?;
     Ok((
         header.report.map(|Report(report)| report),
-        numbers.iter().map(pose).collect(),
+        numbers.iter().map(pose_from_values).collect(),
     ))
 }
 
-fn numbers(pose: &Pose) -> [f64; NUMBERS] {
+fn pose_values(pose: &Pose) -> [f64; NUMBERS] {
     let mut numbers = [0.0; NUMBERS];
     numbers[..3].copy_from_slice(&pose.eye.to_array());
     numbers[3..].copy_from_slice(&pose.world_from_eye.to_cols_array());
     numbers
 }
 
-fn pose(&[x, y, z, ref turn @ ..]: &[f64; NUMBERS]) -> Pose {
+fn pose_from_values(&[x, y, z, ref turn @ ..]: &[f64; NUMBERS]) -> Pose {
     Pose {
         eye: DVec3::new(x, y, z),
         world_from_eye: DMat3::from_cols_array(turn),

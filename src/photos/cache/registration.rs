@@ -1,6 +1,6 @@
 //! Cached registration of a set's views.
 
-use super::{CacheOrigin, kept_or_made, of_views};
+use super::{CacheOrigin, read_or_make, views_file_name};
 use glam::{DMat3, DVec3};
 use headbox_core::container::{Container, ContainerWriter, FileError, FileKind};
 use headbox_images::{
@@ -13,10 +13,10 @@ use std::path::Path;
 /// Version of the registration method; changes with it.
 const HOW: &str = "registration by parts";
 
-/// Numbers of a view: whether it is registered, its lens, its pose, its gains.
+/// Number of values of a view: registered or not, lens, pose, gains.
 const NUMBERS: usize = 1 + 4 + 8 + 12 + 3;
 
-/// Numbers of a report.
+/// Number of values of a report.
 const REPORT: usize = 12;
 
 /// Header of a file.
@@ -30,8 +30,8 @@ struct Header {
 /// Report on a set, or `None`, and the registration of each of its views.
 type CachedRegistration = (Option<RegistrationReport>, Vec<Option<Registration>>);
 
-/// Registers a set's views, as [`ImageSet::register`] does, or as was found when it was last done,
-/// which is kept in `folder`.
+/// Registers a set's views with [`ImageSet::register`], or reads the result of an earlier run from
+/// `folder`.
 ///
 /// # Errors
 /// [`ImagesError`] of the first view that cannot be loaded.
@@ -40,7 +40,7 @@ pub fn register(
     folder: Option<&Path>,
     look: &(dyn Fn(RegistrationStep) + Sync),
 ) -> Result<(Option<RegistrationReport>, CacheOrigin), ImagesError> {
-    let name = of_views("registration", HOW, &set.views);
+    let name = views_file_name("registration", HOW, &set.views);
     let views = set.views.len();
     let make = || {
         let report = set.register(look)?;
@@ -50,7 +50,7 @@ pub fn register(
         ))
     };
     let ((report, registrations), was) =
-        kept_or_made(folder, name, |file| open(file, views), make, write)?;
+        read_or_make(folder, name, |file| open(file, views), make, write)?;
     set.views
         .iter_mut()
         .zip(registrations)
@@ -63,8 +63,8 @@ fn write(path: &Path, (report, registrations): &CachedRegistration) -> Result<()
         views: registrations.len(),
         is_found: report.is_some(),
     };
-    let numbers: Vec<f64> = registrations.iter().flat_map(numbers).collect();
-    let report: Vec<f64> = report.iter().flat_map(report_numbers).collect();
+    let numbers: Vec<f64> = registrations.iter().flat_map(registration_values).collect();
+    let report: Vec<f64> = report.iter().flat_map(report_values).collect();
     let mut writer = ContainerWriter::new(FileKind::REGISTRATION);
     writer.section("info", move || Ok(serde_json::to_vec(&header)?));
     writer.section("report", || Ok(bytemuck::cast_slice(&report).to_vec()));
@@ -81,18 +81,20 @@ fn open(path: &Path, views: usize) -> Result<CachedRegistration, FileError> {
         return Err(info.damaged(format!("{views} views"), header.views.to_string()));
     }
     let mut section = file.section("report")?;
-    let report = match header.is_found {
-        true => Some(
-            report_of(section.values()?)
-                .ok_or_else(|| section.damaged("what is applied", "another number"))?,
-        ),
-        false => None,
+    let report = if header.is_found {
+        let report = report_from_values(section.values()?);
+        Some(report.ok_or_else(|| section.damaged("what is applied", "another number"))?)
+    } else {
+        None
     };
     let numbers: Vec<[f64; NUMBERS]> = file.section("views")?.array(views)?;
-    Ok((report, numbers.iter().map(registration).collect()))
+    Ok((
+        report,
+        numbers.iter().map(registration_from_values).collect(),
+    ))
 }
 
-fn numbers(registration: &Option<Registration>) -> [f64; NUMBERS] {
+fn registration_values(registration: &Option<Registration>) -> [f64; NUMBERS] {
     let mut numbers = [0.0; NUMBERS];
     if let Some(Registration { lens, pose, gain }) = registration {
         let Pinhole {
@@ -123,7 +125,7 @@ fn numbers(registration: &Option<Registration>) -> [f64; NUMBERS] {
     numbers
 }
 
-fn registration(numbers: &[f64; NUMBERS]) -> Option<Registration> {
+fn registration_from_values(numbers: &[f64; NUMBERS]) -> Option<Registration> {
     let [
         is_registered,
         fx,
@@ -167,7 +169,7 @@ fn registration(numbers: &[f64; NUMBERS]) -> Option<Registration> {
     })
 }
 
-fn report_numbers(report: &RegistrationReport) -> [f64; REPORT] {
+fn report_values(report: &RegistrationReport) -> [f64; REPORT] {
     let RegistrationReport {
         levels: [given, shared, per_view],
         applied,
@@ -199,7 +201,7 @@ fn report_numbers(report: &RegistrationReport) -> [f64; REPORT] {
     ]
 }
 
-fn report_of(numbers: [f64; REPORT]) -> Option<RegistrationReport> {
+fn report_from_values(numbers: [f64; REPORT]) -> Option<RegistrationReport> {
     let [
         given,
         shared,

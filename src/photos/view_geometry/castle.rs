@@ -1,5 +1,5 @@
-//! The paper's experiment (E12): a castle's wall with a gate, seen from a row of places; the middle
-//! view is taken away, shown from the others, and compared with itself.
+//! The paper's experiment (E12): a castle's wall with a gate, captured from a row of positions. The
+//! middle view is held out, rendered from the others, and compared with itself.
 
 pub(crate) use super::tests::{frame, frame_at, opened};
 use super::*;
@@ -14,12 +14,12 @@ use std::ops::Range;
 use std::sync::Arc;
 
 const SIZE: [u32; 2] = [400, 320];
-/// Pixels between samples, and between nodes: the paper's 200 by 160 of each.
+/// Distance between samples, and between nodes, pixels: the paper's 200 by 160 of each.
 const SPACING_PX: u32 = 2;
-/// About the gate, as the paper's crop.
+/// Columns and rows around the gate, as in the paper's crop.
 const GATE: (Range<usize>, Range<usize>) = (125..275, 75..245);
 
-/// The castle from places beside its headbox's centre, traced.
+/// Traces the castle from positions beside its headbox's centre.
 fn traced<const N: usize>(places: [f64; N]) -> [LoadedView; N] {
     let scene = Arc::new(headbox_scenes::build("castle", 0).expect("a built-in scene"));
     let centre = scene.headbox.expect("it suggests one").centre;
@@ -31,14 +31,14 @@ fn traced<const N: usize>(places: [f64; N]) -> [LoadedView; N] {
     })
 }
 
-/// Error of a part of a frame against truth.
+/// Error of a region of a frame against truth.
 #[derive(Clone, Copy, Debug)]
 struct RegionError {
-    /// Mean absolute difference where both show something, levels.
+    /// Mean absolute difference where the frame has no hole, levels.
     shown: f64,
-    /// The same over all of the part, its holes black.
+    /// The same over the whole region, with black holes.
     all: f64,
-    /// The share that shows something.
+    /// Share of the region without holes.
     covered: f64,
 }
 
@@ -111,7 +111,7 @@ fn held_out_view_beats_paper() {
             "{ratios:?}: {measured:?}"
         );
     }
-    // Its means are over all of its gate: in their order, too.
+    // The paper's means are over its whole gate; ours have the same order.
     assert!(
         measured
             .windows(2)

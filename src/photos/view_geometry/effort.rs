@@ -1,11 +1,11 @@
-//! A time for frames, and how much is done within it (E11): a preview of fewer cameras on a coarser
-//! grid while the eye moves, all when it stands still.
+//! Time budget of frames (E11): a preview from fewer cameras on a coarser grid while the eye moves,
+//! full quality when it stands still.
 
 use super::GeometrySettings;
 
-/// Cameras over those asked for, growth of the grid's spacing, and levels of detail more, from all
-/// that was asked for to the least that still shows where one is. Each costs about two thirds of
-/// the one before.
+/// Steps of quality, from the requested one to the coarsest that is still usable for orientation:
+/// share of the cameras, factor of the grid's spacing, and additional levels of detail. Each costs
+/// about two thirds of the one before.
 const STEPS: [(f32, f32, u32); 7] = [
     (1.0, 1.0, 0),
     (0.8, 1.25, 0),
@@ -16,25 +16,25 @@ const STEPS: [(f32, f32, u32); 7] = [
     (0.2, 4.0, 2),
 ];
 
-/// The cost of a step over that of the one before, as far as is known before it was tried.
-const CHEAPER: f64 = 0.7;
+/// Assumed cost of a step relative to the one before.
+const STEP_COST: f64 = 0.7;
 
-/// Chooses what moving frames are made of by how long those before took.
+/// Chooses the quality of frames in motion by the time that earlier frames took.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TimeBudget {
-    /// For a frame, ms.
+    /// Time for a frame, ms.
     pub ms: f64,
     /// Index into [`STEPS`] for the next frame.
     step: usize,
 }
 
 impl TimeBudget {
-    /// Begins with all that is asked for.
+    /// Starts with the requested quality.
     pub fn new(ms: f64) -> Self {
         Self { ms, step: 0 }
     }
 
-    /// Settings of the next frame in motion.
+    /// Returns the settings of the next frame in motion.
     pub fn settings(&self, full: &GeometrySettings) -> GeometrySettings {
         let (cameras, spacing, levels) = STEPS[self.step.min(STEPS.len() - 1)];
         GeometrySettings {
@@ -45,19 +45,20 @@ impl TimeBudget {
         }
     }
 
-    /// Takes note of how long a frame of [`Self::settings`] took. As many steps further at once as
-    /// a late frame calls for; one step back where the frame before would have been in time too.
+    /// Records the time that a frame with [`Self::settings`] took. A late frame advances as many
+    /// steps as its delay calls for; a frame after which the previous step would also have been in
+    /// time goes back one step.
     pub fn took(&mut self, frame_ms: f64) {
         if frame_ms > self.ms {
-            let steps = ((self.ms / frame_ms).ln() / CHEAPER.ln()).ceil();
-            // Not a number: there is no such time.
+            let steps = ((self.ms / frame_ms).ln() / STEP_COST.ln()).ceil();
+            // NaN or infinite: no such time exists.
             let steps = if steps.is_finite() {
                 steps as usize
             } else {
                 STEPS.len()
             };
             self.step = (self.step + steps.max(1)).min(STEPS.len() - 1);
-        } else if frame_ms < self.ms * CHEAPER * CHEAPER {
+        } else if frame_ms < self.ms * STEP_COST * STEP_COST {
             self.step = self.step.saturating_sub(1);
         }
     }

@@ -1,5 +1,5 @@
 //! Inspection of the last frame, for overlays: the cameras that colour its pixels, its triangles,
-//! and how many cameras see each place.
+//! and the number of cameras that see each point.
 
 use super::{GeometryRenderer, ViewGeometry};
 use crate::view_geometry::render::scan::{
@@ -8,23 +8,23 @@ use crate::view_geometry::render::scan::{
 use crate::view_geometry::render::texture_camera::TextureCamera;
 use rayon::prelude::*;
 
-/// Pixel of the last frame.
+/// Triangle in a pixel of the last frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PixelTriangle {
-    /// The camera, an index into the set's, of the corners that weigh most there.
+    /// Index of the camera whose corners have the largest weight there.
     pub camera: u32,
     /// Number of cameras that own the triangle's corners.
     pub owners: u32,
-    /// True on the rim of its triangle: the pixel to the right or below shows another.
+    /// True on the rim of the triangle: the pixel to the right or below shows another one.
     pub on_rim: bool,
 }
 
 impl GeometryRenderer {
-    /// Triangle of each pixel of the last frame; `None` where there is none, so everywhere in a
-    /// frame of [`super::Texturing::Nearest`].
+    /// Returns the triangle of each pixel of the last frame; `None` where there is none, which is
+    /// everywhere in a frame of [`super::Texturing::Nearest`].
     pub fn shown(&self) -> Vec<Option<PixelTriangle>> {
-        // Without pictures, sides of depth edges are told by their corners.
-        let pixels = self.each_pixel(&[], |pixels, lane, _| self.at(pixels, lane));
+        // Without images, the corners decide the side of a depth edge.
+        let pixels = self.map_pixels(&[], |pixels, lane, _| self.triangle_at(pixels, lane));
         let triangle = |i: usize| pixels.get(i).map(|(triangle, _)| *triangle);
         let width = self.frame.width as usize;
         let on_rim = |i: usize| {
@@ -42,13 +42,13 @@ impl GeometryRenderer {
             .collect()
     }
 
-    /// For each pixel, the number of the last frame's cameras that see the same place at the same
-    /// depth; `None` where there is no triangle.
+    /// Returns, for each pixel, the number of the last frame's cameras that see the same point at
+    /// the same depth; `None` where there is no triangle.
     pub fn seen_by(&self, geometry: &ViewGeometry) -> Vec<Option<u32>> {
         let textured = |&number: &u32| {
             let (real, picture) = (
                 geometry.cameras.get(number as usize)?,
-                geometry.pictures.at_hand(number)?,
+                geometry.pictures.peek(number)?,
             );
             Some(TextureCamera::new(
                 real,
@@ -58,19 +58,19 @@ impl GeometryRenderer {
             ))
         };
         let cameras: Vec<TextureCamera> = self.used.iter().filter_map(textured).collect();
-        self.each_pixel(&cameras, |pixels, lane, [x, y]| {
+        self.map_pixels(&cameras, |pixels, lane, [x, y]| {
             let at = [x, y].map(|at| at as f32 + 0.5);
             let sees = |camera: &&TextureCamera| camera.agrees(at, pixels.inverse_depth[lane]);
             (pixels.owners[lane] != UNCOVERED).then(|| cameras.iter().filter(sees).count() as u32)
         })
     }
 
-    /// Something of each pixel of the last frame: by what describes it and its neighbours, which of
-    /// these it is, and its column and row.
-    fn each_pixel<T: Send>(
+    /// Maps each pixel of the last frame, given the group of pixels that contains it, its lane in
+    /// that group, and its column and row.
+    fn map_pixels<T: Send>(
         &self,
         cameras: &[TextureCamera],
-        of: impl Fn(&Pixels, usize, [u32; 2]) -> T + Sync,
+        map: impl Fn(&Pixels, usize, [u32; 2]) -> T + Sync,
     ) -> Vec<T> {
         let (width, height) = (self.frame.width, self.frame.height);
         let Self {
@@ -89,16 +89,16 @@ impl GeometryRenderer {
         };
         let band = |number: u32| {
             let rows = number * BAND_ROWS..((number + 1) * BAND_ROWS).min(height);
-            let mut described = BandBuffers::default();
-            scanner.describe(number, width, &rows, &mut described);
+            let mut buffers = BandBuffers::default();
+            scanner.rasterise(number, width, &rows, &mut buffers);
             let row = |(pixels, y): (&[Pixels], u32)| -> Vec<T> {
                 (0..width)
-                    .map(|x| of(&pixels[x as usize / LANES], x as usize % LANES, [x, y]))
+                    .map(|x| map(&pixels[x as usize / LANES], x as usize % LANES, [x, y]))
                     .collect()
             };
-            described
+            buffers
                 .pixels
-                .chunks(described.per_row.max(1))
+                .chunks(buffers.per_row.max(1))
                 .zip(rows)
                 .flat_map(row)
                 .collect::<Vec<T>>()
@@ -110,8 +110,8 @@ impl GeometryRenderer {
         bands.into_iter().flatten().collect()
     }
 
-    /// The triangle of a pixel, and what it shows but for its rim.
-    fn at(&self, pixels: &Pixels, lane: usize) -> (u32, Option<PixelTriangle>) {
+    /// Returns the number of a pixel's triangle, and the triangle without its rim.
+    fn triangle_at(&self, pixels: &Pixels, lane: usize) -> (u32, Option<PixelTriangle>) {
         let owners = pixels.owners[lane];
         if owners == UNCOVERED {
             return (UNCOVERED, None);

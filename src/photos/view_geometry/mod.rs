@@ -1,16 +1,15 @@
-//! View-dependent geometry: many depth images shown without a global model (E4 to E13).
+//! View-dependent geometry: rendering of many depth images without a global model (E4 to E13).
 //!
-//! For each frame anew: the cameras that serve it best are ranked (`rank`), their depth samples
-//! (`samples`) fused in a grid of the frame (`fuse`), the grid's nodes triangulated (`delaunay`),
-//! and the pixels that they cover (`scan`) coloured by the cameras' pictures (`picture`, `store`,
-//! `texture`). Nothing needs to agree beyond what one frame shows, so that a long capture may
-//! drift, and a camera's data is at most read, never merged. `oracle` does the same slowly, in
-//! `f64`, for tests.
+//! For each frame, the cameras that suit it best are ranked (`rank`), their depth samples
+//! (`samples`) are fused in a grid over the frame (`fuse`), the grid's nodes are triangulated
+//! (`delaunay`), and the pixels that the triangles cover (`scan`) are coloured from the cameras'
+//! images (`picture`, `store`, `texture`). Cameras only need to agree within one frame, so a long
+//! capture may drift, and a camera's data are never merged. `oracle` is a slow `f64` implementation
+//! for tests.
 //!
-//! One owner for each thing: [`ViewGeometry`] has the cameras, their samples and the store of
-//! pictures, and does not change from frame to frame but for the pictures at hand;
-//! [`GeometryRenderer`] has the grid, the mesh and the frame. The one invariant that the steps
-//! share is the grid's: a node lies in its own cell.
+//! Ownership: [`ViewGeometry`] has the cameras, their samples and the image store, and only the
+//! images in memory change between frames. [`GeometryRenderer`] has the grid, the mesh and the
+//! frame. The steps share one invariant, the grid's: a node lies in its own cell.
 
 mod cameras;
 #[cfg(test)]

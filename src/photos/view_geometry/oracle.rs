@@ -1,16 +1,16 @@
-//! The slow, obvious way from a mesh to a pixel, in `f64`: the ray of a pixel meets a triangle in
-//! space; its weights are shares of the triangle's area; each corner's camera projects the point
-//! into its photograph.
+//! Reference implementation from a mesh to a pixel, in `f64`: a pixel's ray meets a triangle in
+//! space, its weights are shares of the triangle's area, and each corner's camera projects the
+//! point into its image.
 
 use glam::DVec3;
 use headbox_core::camera::Camera;
 use headbox_images::LoadedView;
 
-/// A corner in space, and the photograph of the camera that its sample is of.
+/// A corner in space, and the view that its sample comes from.
 pub(super) type Corner<'a> = (DVec3, &'a LoadedView);
 
-/// Linear colour that three blended textures give a pixel; `None` where the ray misses the triangle
-/// by more than rounding, or one of the photographs does not show the point.
+/// Returns the linear colour of a pixel from three blended textures; `None` where the ray misses
+/// the triangle by more than rounding, or one of the views does not show the point.
 pub(super) fn blended(camera: &Camera, corners: [Corner; 3], [x, y]: [f64; 2]) -> Option<[f64; 3]> {
     let [a, b, c] = corners.map(|(point, _)| point);
     let normal = (b - a).cross(c - a);
@@ -35,7 +35,7 @@ pub(super) fn blended(camera: &Camera, corners: [Corner; 3], [x, y]: [f64; 2]) -
     Some(sum)
 }
 
-/// Bilinear in linear light.
+/// Samples a view bilinearly in linear light.
 fn linear_at(view: &LoadedView, u: f64, v: f64) -> [f64; 3] {
     let [width, height] = view.size_px;
     let (u, v) = (u - 0.5, v - 0.5);

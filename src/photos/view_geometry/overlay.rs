@@ -1,5 +1,5 @@
-//! Overlays of view-dependent geometry: whose pictures show, the mesh, how many cameras see a
-//! place, and how long pictures have been at hand.
+//! Overlays of view-dependent geometry: the cameras that colour pixels, the mesh, the number of
+//! cameras that see a point, and the age of images.
 
 use super::{GeometryRenderer, PixelTriangle, ViewGeometry};
 use headbox_core::view::Swatch;
@@ -8,7 +8,7 @@ use headbox_core::view::paint::{
     paint_holes, swatch, tinted,
 };
 
-/// Overlays of view-dependent geometry.
+/// Kind of overlay.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum GeometryOverlay {
     None,
@@ -21,7 +21,7 @@ pub(super) enum GeometryOverlay {
 }
 
 impl GeometryOverlay {
-    /// All, with the names under which the panel and scripts know them.
+    /// All overlays, with their names in the window's panel and in scripts.
     pub(super) const ALL: [(&'static str, Self); 7] = [
         ("none", Self::None),
         ("holes", Self::Holes),
@@ -32,7 +32,7 @@ impl GeometryOverlay {
         ("age", Self::Age),
     ];
 
-    /// Paints what the last frame of a renderer was made of; returns what the colours mean.
+    /// Paints the overlay of a renderer's last frame; returns the legend.
     pub(super) fn paint(
         self,
         geometry: &ViewGeometry,
@@ -40,7 +40,7 @@ impl GeometryOverlay {
         pixels: &mut [[u8; 4]],
     ) -> Vec<Swatch> {
         let frame = &renderer.frame().color;
-        let color_of = |i: usize| frame[i].first_chunk::<3>().copied().unwrap_or_default();
+        let frame_color = |i: usize| frame[i].first_chunk::<3>().copied().unwrap_or_default();
         match self {
             Self::None => {
                 pixels.copy_from_slice(frame);
@@ -68,10 +68,10 @@ impl GeometryOverlay {
             Self::Camera => {
                 let cameras = renderer.used().iter();
                 let legend = cameras
-                    .map(|camera| swatch(distinct_color(*camera), &geometry.name(*camera)))
+                    .map(|camera| swatch(distinct_color(*camera), &geometry.pictures.name(*camera)))
                     .collect();
                 paint(renderer, pixels, |i, shown| {
-                    tinted(distinct_color(shown.camera), color_of(i))
+                    tinted(distinct_color(shown.camera), frame_color(i))
                 });
                 legend
             }
@@ -86,14 +86,14 @@ impl GeometryOverlay {
                     if shown.on_rim {
                         RIM
                     } else {
-                        tinted([128; 3], color_of(i))
+                        tinted([128; 3], frame_color(i))
                     }
                 });
                 vec![swatch(RIM, "where triangles meet")]
             }
             Self::Age => {
                 paint(renderer, pixels, |_, shown| {
-                    geometry.age_s(shown.camera).map_or([0; 3], |age| {
+                    geometry.pictures.age_s(shown.camera).map_or([0; 3], |age| {
                         class_color(age.max(f32::MIN_POSITIVE), &AGES_S)
                     })
                 });
@@ -105,16 +105,16 @@ impl GeometryOverlay {
 
 const RIM: [u8; 3] = [255, 230, 60];
 
-/// Cameras that own corners of a triangle: three at most.
+/// Class limits for the number of cameras that own corners of a triangle: at most three.
 const OWNERS: Tops = [1.0, 2.0, 3.0, 3.0, 3.0, 3.0];
 
-/// Cameras that see a place.
+/// Class limits for the number of cameras that see a point.
 const CAMERAS: Tops = [1.0, 2.0, 3.0, 4.0, 6.0, 9.0];
 
-/// Seconds since pictures were read.
+/// Class limits for the time since an image was loaded, seconds.
 const AGES_S: Tops = [0.1, 0.5, 2.0, 10.0, 60.0, 600.0];
 
-/// Paints pixels that show a triangle, the others black.
+/// Paints the pixels that show a triangle, the others black.
 fn paint(
     renderer: &GeometryRenderer,
     pixels: &mut [[u8; 4]],

@@ -1,5 +1,4 @@
-//! An image set as frames are drawn from it: its cameras with their samples, and the store of
-//! pictures.
+//! Image set prepared for rendering: its cameras with their samples, and the image store.
 
 use crate::cache;
 use crate::cache::InUse;
@@ -15,41 +14,41 @@ use rayon::prelude::*;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// Why there is no view-dependent geometry.
+/// Error of opening view-dependent geometry.
 #[derive(Debug, thiserror::Error)]
 pub enum GeometryError {
-    /// A view could not be read.
+    /// A view cannot be read.
     #[error(transparent)]
     Images(#[from] ImagesError),
-    /// Nothing to draw from.
+    /// No view is usable.
     #[error(
         "{}: none of its {views} views is a perspective picture with depth, which view-dependent geometry is made of",
         folder.display()
     )]
     NoCameras {
-        /// The set.
+        /// Folder of the set.
         folder: PathBuf,
-        /// Its views.
+        /// Number of its views.
         views: usize,
     },
 }
 
-/// A camera that took a picture, and what its depth image was reduced to.
+/// Camera of an image, and the samples of its depth.
 #[derive(Clone, Debug)]
 pub struct RealCamera {
     /// Pose of the camera, world metres.
     pub pose: Pose,
-    /// Its ideal lens.
+    /// Lens without distortion.
     pub lens: Pinhole,
-    /// Takes no part in frames: what is judged is shown without itself.
+    /// True to exclude the camera from frames, for example while its own image is compared with
+    /// them.
     pub left_out: bool,
     pub(super) samples: Arc<Samples>,
 }
 
 impl RealCamera {
-    /// Samples a view in memory; `None` for a panorama. Samples are relative to `origin`, world
-    /// metres.
-    pub(super) fn of_loaded(view: &LoadedView, grid: &SampleGrid, origin: DVec3) -> Option<Self> {
+    /// Samples a view in memory, relative to `origin`, world metres; `None` for a panorama.
+    pub(super) fn from_loaded(view: &LoadedView, grid: &SampleGrid, origin: DVec3) -> Option<Self> {
         let Lens::Pinhole(lens) = view.lens else {
             return None;
         };
@@ -62,12 +61,12 @@ impl RealCamera {
         })
     }
 
-    /// Its viewing direction.
+    /// Viewing direction.
     pub(super) fn forward(&self) -> DVec3 {
         -self.pose.world_from_eye.z_axis
     }
 
-    /// (x w, y w, w) of a point or direction of its eye space, x and y in pixels.
+    /// Projects a point or direction of eye space to (x w, y w, w), x and y in pixels.
     pub(super) fn homogeneous(&self, p: DVec3) -> DVec3 {
         let Pinhole {
             focal_px,
@@ -82,20 +81,19 @@ impl RealCamera {
     }
 }
 
-/// Resources for opening an image set.
+/// Memory and cache for an image set.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GeometryResources {
     /// Sampling of depth images.
     pub grid: SampleGrid,
-    /// Bytes of pictures that are kept in memory.
+    /// Bytes of images in memory.
     pub budget: usize,
-    /// The folder in which samples are kept, so that they are there when the set is opened again;
-    /// made if need be.
+    /// Folder of cached samples, created if necessary; `None` for no cache.
     pub cache: Option<PathBuf>,
 }
 
 impl Default for GeometryResources {
-    /// A gibibyte of pictures, and nothing kept on disk.
+    /// 1 GiB of images, and no cache on disk.
     fn default() -> Self {
         Self {
             grid: SampleGrid::default(),
@@ -105,9 +103,9 @@ impl Default for GeometryResources {
     }
 }
 
-/// An image set ready to be walked through.
+/// Image set ready for rendering.
 pub struct ViewGeometry {
-    /// The cameras, in the set's order.
+    /// Cameras, in the set's order.
     pub(super) cameras: Vec<RealCamera>,
     pub(super) pictures: PictureStore,
     /// Origin of the samples, world metres.
@@ -117,17 +115,17 @@ pub struct ViewGeometry {
     /// Mapping from the set's positions to the world.
     pub frame: FileFrame,
     folder: PathBuf,
-    /// The file that samples are mapped from.
+    /// Lock on the file that samples are mapped from.
     _in_use: Option<InUse>,
     notes: Vec<String>,
 }
 
 impl ViewGeometry {
-    /// Takes views (perspective pictures with depth; others are left out), samples their depth, or
-    /// finds the samples kept, and keeps as many of their pictures as fit into the budget.
+    /// Opens the perspective views with depth among `views`: samples their depth or reads the
+    /// cached samples, and keeps as many of their images as fit into the budget.
     ///
     /// # Errors
-    /// [`GeometryError`] of the first view that cannot be read, or if there is none to draw from.
+    /// [`GeometryError`] of the first view that cannot be read, or if no view is usable.
     pub fn open(
         set: &ImageSet,
         views: &[&View],
@@ -155,26 +153,26 @@ impl ViewGeometry {
         let file = cache
             .as_ref()
             .and_then(|folder| sample_cache::path(folder, &views, grid, origin));
-        let kept = || match &file {
+        let read_cached = || match &file {
             Some(file) => cache::read(file, |file| sample_cache::open(file, views.len())),
             None => (None, None),
         };
         let pictures = PictureStore::new(views.clone(), *budget);
-        let (known, note) = kept();
+        let (known, note) = read_cached();
         let cameras = match known {
             Some(cameras) => cameras,
             None => {
-                let sampled = sampled(&views, grid, origin, &pictures, progress)?;
-                // A cache that cannot be written costs time, and no more. What is written need not
-                // stay in memory.
+                let sampled = sample_views(&views, grid, origin, &pictures, progress)?;
+                // A cache that cannot be written only costs time. Written samples need not stay in
+                // memory.
                 let written = file
                     .as_ref()
                     .is_some_and(|file| sample_cache::write(file, &sampled).is_ok());
-                match kept().0.filter(|_| written) {
+                match read_cached().0.filter(|_| written) {
                     Some(mapped) => {
-                        // Of pictures that are at hand already nobody will ask for samples again.
+                        // Images that are already in memory trigger no verification later.
                         mapped.iter().zip(&sampled).for_each(|(mapped, sampled)| {
-                            mapped.samples.check(|| Samples::clone(&sampled.samples));
+                            mapped.samples.verify(|| Samples::clone(&sampled.samples));
                         });
                         mapped
                     }
@@ -182,7 +180,12 @@ impl ViewGeometry {
                 }
             }
         };
-        pictures.when_read(sample_cache::check(&cameras, *grid, origin, file.clone()));
+        pictures.set_on_load(sample_cache::verify_on_load(
+            &cameras,
+            *grid,
+            origin,
+            file.clone(),
+        ));
         let in_use = file.as_deref().and_then(|file| InUse::of(file).ok());
         if let Some(folder) = cache {
             cache::evict_to(folder, cache::MOST_BYTES);
@@ -199,24 +202,24 @@ impl ViewGeometry {
         })
     }
 
-    /// Problems found when the set was opened: a sentence each.
+    /// Returns problems found when the set was opened, a sentence each.
     pub fn notes(&self) -> &[String] {
         &self.notes
     }
 
-    /// The cameras.
+    /// Returns the cameras.
     pub fn cameras(&self) -> &[RealCamera] {
         &self.cameras
     }
 
-    /// Leaves out the cameras of these indices, and no others.
+    /// Excludes exactly the cameras with these indices from frames.
     pub fn leave_out(&mut self, left_out: &[usize]) {
         for (number, camera) in self.cameras.iter_mut().enumerate() {
             camera.left_out = left_out.contains(&number);
         }
     }
 
-    /// Bytes in memory: samples that are not mapped, and the pictures at hand.
+    /// Bytes in memory: samples that are not mapped, and images.
     pub fn bytes(&self) -> usize {
         self.cameras
             .iter()
@@ -225,38 +228,21 @@ impl ViewGeometry {
             + self.pictures.bytes()
     }
 
-    /// The name of a camera's view.
-    pub fn name(&self, camera: u32) -> String {
-        self.pictures.name(camera)
-    }
-
-    /// Time since a camera's image was loaded, seconds; `None` if it is not in memory.
-    pub fn age_s(&self, camera: u32) -> Option<f32> {
-        self.pictures.age_s(camera)
-    }
-
-    /// Images that can no longer be read, with the reason: a sentence each.
-    pub fn lost(&self) -> Vec<String> {
-        self.pictures.lost()
-    }
-
-    /// Damaged samples in the cache that were recomputed: a sentence each.
-    pub fn mended(&self) -> Vec<String> {
-        let mended = self
+    /// Reports damaged samples in the cache that were recomputed, a sentence each.
+    pub fn repaired(&self) -> Vec<String> {
+        let repaired = self
             .cameras
             .iter()
             .zip(0..)
-            .filter(|(camera, _)| camera.samples.mended().is_some());
+            .filter(|(camera, _)| camera.samples.repaired().is_some());
         let sentence = |(_, number)| {
-            format!(
-                "the samples of {} in the cache are damaged; they are made anew",
-                self.name(number)
-            )
+            let name = self.pictures.name(number);
+            format!("the samples of {name} in the cache are damaged; they are made anew")
         };
-        mended.map(sentence).collect()
+        repaired.map(sentence).collect()
     }
 
-    /// A sentence for a frame that no camera serves.
+    /// Returns the message for a frame without a valid camera.
     pub fn nothing_seen(&self) -> String {
         format!(
             "none of the {} cameras of {} sees what this eye looks at, within its field of view: the frame is empty",
@@ -266,9 +252,8 @@ impl ViewGeometry {
     }
 }
 
-/// Cameras of views, their depth sampled; their pictures are offered to the store, as they are read
-/// anyhow.
-fn sampled(
+/// Samples the depth of views, and offers their images to the store, as they are loaded anyway.
+fn sample_views(
     views: &[View],
     grid: &SampleGrid,
     origin: DVec3,
@@ -280,7 +265,7 @@ fn sampled(
         let loaded = view.load()?;
         pictures.offer(number, || Picture::new(&loaded));
         progress.advance(1);
-        Ok(RealCamera::of_loaded(&loaded, grid, origin))
+        Ok(RealCamera::from_loaded(&loaded, grid, origin))
     };
     let cameras: Result<Vec<Option<RealCamera>>, ImagesError> = views
         .par_iter()

@@ -1,14 +1,13 @@
-//! Settings of view-dependent geometry: texturing, effort, and when neighbours are separate
-//! surfaces.
+//! Settings of view-dependent geometry: texturing, effort, and the rule for depth edges.
 
 use super::RankWeights;
 
 /// Texturing of triangles (E9).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub enum Texturing {
-    /// The best camera's picture as it is, without depth: for comparison.
+    /// The best camera's image as it is, without depth: for comparison.
     Nearest,
-    /// The best camera textures all that it sees.
+    /// The best camera textures everything that it sees.
     Single,
     /// Each triangle by the best ranked of its corners' cameras.
     Multi,
@@ -21,7 +20,7 @@ pub enum Texturing {
 }
 
 impl Texturing {
-    /// Each with the name it has on the command line and in reports.
+    /// All variants with their names on the command line and in reports.
     pub const ALL: [(&str, Self); 5] = [
         ("geometry-nearest", Self::Nearest),
         ("geometry-single", Self::Single),
@@ -30,7 +29,7 @@ impl Texturing {
         ("geometry-averaged", Self::Averaged),
     ];
 
-    /// The one of a name.
+    /// Returns the variant with a name.
     pub fn from_name(name: &str) -> Option<Self> {
         Self::ALL
             .iter()
@@ -38,7 +37,7 @@ impl Texturing {
             .map(|(_, texturing)| *texturing)
     }
 
-    /// Its name.
+    /// Returns the name of the variant.
     pub fn name(self) -> &'static str {
         Self::ALL
             .iter()
@@ -58,17 +57,17 @@ pub struct GeometrySettings {
     pub level: u32,
     /// Pixels between nodes of the frame's grid.
     pub grid_px: f32,
-    /// By which share of its distance a sample of a camera must be nearer than that of a better
-    /// ranked one, to take its place.
+    /// Share of its distance by which a camera's sample must be nearer than that of a better ranked
+    /// one to replace it.
     pub margin: f32,
-    /// True to assign a node to the best ranked camera that sees it; otherwise to the one whose
-    /// sample it holds.
+    /// True to assign a node to the best ranked camera that sees it; false to assign it to the
+    /// camera of its sample.
     pub by_sight: bool,
-    /// Holes of at most so many nodes are closed.
+    /// Maximum size of a hole that is closed, nodes.
     pub close_nodes: u32,
     /// Weights of camera ranking.
     pub weights: RankWeights,
-    /// Colour of pixels of which nothing is known, sRGB.
+    /// Colour of hole pixels, sRGB.
     pub hole_color_srgb: [u8; 3],
 }
 
@@ -88,44 +87,40 @@ impl Default for GeometrySettings {
     }
 }
 
-/// When two neighbours in a frame belong to different surfaces: if what lies between them would be
-/// seen at a grazing angle and is no noise.
+/// Rule for depth edges: adjacent positions of a frame belong to different surfaces if a surface
+/// between them would be seen at a grazing angle and the difference exceeds noise.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct EdgeRule {
-    /// Share of inverse depth for a pixel.
+    /// Largest relative change of inverse depth per pixel.
     steepness: f32,
-    /// 1/m.
-    least: f32,
+    /// Difference of inverse depths that is never an edge, 1/m.
+    pub(super) noise_floor: f32,
 }
 
 impl EdgeRule {
-    /// The tangent of the angle between a surface and the frame from which on it is taken for a gap
-    /// between two: 80 degrees.
-    pub(super) const STEEPEST: f32 = 5.67;
+    /// Tangent of the angle between a surface and the image plane beyond which it counts as an
+    /// edge: 80 degrees.
+    pub(super) const MAX_SLOPE: f32 = 5.67;
 
-    /// For a frame of a focal length, and the standard deviation of inverse depths, 1/m.
+    /// Creates the rule for a frame's focal length and the standard deviation of inverse depths,
+    /// 1/m.
     pub(super) fn new(focal_px: f32, noise: f32) -> Self {
         Self {
-            steepness: Self::STEEPEST / focal_px,
-            least: 3.0 * noise,
+            steepness: Self::MAX_SLOPE / focal_px,
+            noise_floor: 3.0 * noise,
         }
     }
 
-    /// The largest difference of inverse depths of one surface over a distance in the frame, 1/m.
+    /// Returns the largest difference of inverse depths on one surface over a distance in the
+    /// frame, 1/m.
     #[inline]
-    pub(super) fn most(&self, nearer: f32, length_px: f32) -> f32 {
-        nearer * self.steepness * length_px + self.least
+    pub(super) fn max_difference(&self, nearer: f32, length_px: f32) -> f32 {
+        nearer * self.steepness * length_px + self.noise_floor
     }
 
     /// Returns true if two inverse depths belong to different surfaces.
     #[inline]
-    pub(super) fn parts(&self, a: f32, b: f32, length_px: f32) -> bool {
-        (a - b).abs() > self.most(a.max(b), length_px)
-    }
-
-    /// The difference that is never an edge, 1/m.
-    #[inline]
-    pub(super) fn least(&self) -> f32 {
-        self.least
+    pub(super) fn is_edge(&self, a: f32, b: f32, length_px: f32) -> bool {
+        (a - b).abs() > self.max_difference(a.max(b), length_px)
     }
 }

@@ -180,7 +180,7 @@ fn pixels_are_those_of_the_slow_way() {
         .mesh
         .triangles()
         .iter()
-        .filter(|corners| renderer.grid.holds(corners))
+        .filter(|corners| renderer.grid.has_samples(corners))
     {
         let at = corners.map(|node| {
             let node = node as usize;
@@ -464,9 +464,9 @@ fn vanished_camera_is_replaced_by_next_best() {
         "{stats:?}, off by {worst}"
     );
     assert!(
-        geometry.lost().len() == 1 && geometry.lost()[0].contains("a.png"),
+        geometry.pictures.lost().len() == 1 && geometry.pictures.lost()[0].contains("a.png"),
         "{:?}",
-        geometry.lost()
+        geometry.pictures.lost()
     );
     for view in &views[1..] {
         std::fs::remove_file(&view.color).expect("removed");
@@ -482,7 +482,7 @@ fn vanished_camera_is_replaced_by_next_best() {
         (
             stats.cameras_used,
             empty.hole_count(),
-            geometry.lost().len()
+            geometry.pictures.lost().len()
         ),
         (0, 96 * 72, 3)
     );

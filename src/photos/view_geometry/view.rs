@@ -19,13 +19,13 @@ use std::time::Duration;
 /// Name of the representation.
 pub const KIND: &str = "view-dependent geometry";
 
-/// Interval between two looks at the thread that decodes pictures.
-const LOOK_AGAIN: Duration = Duration::from_millis(60);
+/// Interval between two checks for newly decoded images.
+const POLL_INTERVAL: Duration = Duration::from_millis(60);
 
-/// Time for a frame while the eye moves, if nothing else is asked for, ms: thirty a second.
+/// Default time for a frame while the eye moves, ms: 30 frames per second.
 const FRAME_MS: u32 = 33;
 
-/// Images, walked through from camera to camera and between them.
+/// View of an image set rendered by view-dependent geometry.
 pub struct GeometryView {
     geometry: ViewGeometry,
     renderer: GeometryRenderer,
@@ -37,7 +37,7 @@ pub struct GeometryView {
 }
 
 impl GeometryView {
-    /// A view of `geometry` from where `start` stands; `initial` are the settings to begin with.
+    /// Creates a view of `geometry` that starts at the camera `start` with the settings `initial`.
     pub fn new(geometry: ViewGeometry, start: &Camera, initial: GeometrySettings) -> Self {
         Self {
             geometry,
@@ -50,7 +50,7 @@ impl GeometryView {
         }
     }
 
-    /// The settings of every image set.
+    /// Returns the settings of the representation with their defaults.
     pub fn setting_table() -> Vec<Setting> {
         Self::settings_from(&GeometrySettings::default())
     }
@@ -113,7 +113,7 @@ impl GeometryView {
         ]
     }
 
-    fn settings_of(&self, request: &FrameRequest) -> Result<GeometrySettings, String> {
+    fn read_settings(&self, request: &FrameRequest) -> Result<GeometrySettings, String> {
         let values = &request.settings;
         let (_, texturing) = Texturing::ALL
             .get(values.choice("texturing")?)
@@ -128,13 +128,13 @@ impl GeometryView {
         })
     }
 
-    /// Sentences about what the last frame lacks.
+    /// Returns warnings about the last frame, a sentence each.
     fn warnings(&self) -> Vec<String> {
         let nothing = (self.stats.cameras_valid == 0).then(|| self.geometry.nothing_seen());
-        let lost = self.geometry.lost().into_iter();
+        let lost = self.geometry.pictures.lost().into_iter();
         let lost = lost.map(|why| format!("{why}; other pictures serve instead"));
-        let mended = self.geometry.mended();
-        nothing.into_iter().chain(lost).chain(mended).collect()
+        let repaired = self.geometry.repaired();
+        nothing.into_iter().chain(lost).chain(repaired).collect()
     }
 }
 
@@ -164,7 +164,7 @@ impl View for GeometryView {
     }
 
     fn render(&mut self, request: &FrameRequest) -> Result<Rendered<'_>, String> {
-        let full = self.settings_of(request)?;
+        let full = self.read_settings(request)?;
         self.budget.ms = request.settings.number("budget")?;
         let settings = if request.moving {
             self.budget.settings(&full)
@@ -208,7 +208,7 @@ impl View for GeometryView {
             warnings: self.warnings(),
             refinement: match stats.pictures_missing {
                 0 => Refinement::Done,
-                _ => Refinement::Later(LOOK_AGAIN),
+                _ => Refinement::Later(POLL_INTERVAL),
             },
             ..FrameReport::default()
         };

@@ -1,24 +1,24 @@
-//! A cube LDI from photographs without depth: voxel colouring in the LDI's own perspective grid
+//! Cube LDIs from photographs without depth: voxel colouring in the perspective grid of the LDI
 //! (S16, C14).
 //!
-//! The papers march outward along each ray of the LDI, project what would be there into all
-//! photographs, and keep a depth pixel where all agree on a colour; how occlusion is kept in mind
-//! they do not say (C14). Here all rays march together, shell by shell: a shell is a cube about the
-//! centre, on whose faces every pixel is a candidate (`shells` says how far apart). Photographs
-//! that see it are asked for their colours (`evidence`), and where these agree for some shells on
-//! end, the best of them is kept (`runs`). What is kept claims the pixels that it covers in every
-//! photograph, and claimed pixels have no say farther out (`sweep`).
+//! The papers march outward along each ray of the LDI, project each candidate into all photographs,
+//! and keep a depth pixel where all agree on a colour; they do not say how they track occlusion
+//! (C14). Here all rays march together, shell by shell: a shell is a cube about the centre, and
+//! every pixel of its faces is a candidate (`shells` sets the spacing). The colours of the
+//! photographs that see a candidate are compared (`evidence`). Where they agree on consecutive
+//! shells, the best of these is kept (`runs`). A kept candidate claims the pixels that it covers in
+//! every photograph, and claimed pixels are ignored farther out (`sweep`).
 //!
-//! Only photographs taken from inside a shell are asked about it: distance by the largest
-//! coordinate is convex along a line, so what hides a point of a shell from a camera inside lies
-//! inside as well, and was swept before. Cameras on the other side of an object join in where the
-//! shells have grown past them. Before a dark backdrop all are asked at once whether they see
-//! through a candidate: where one sees the backdrop there is no surface, whatever lies between.
+//! A shell is only compared with photographs taken from inside it: distance by the largest
+//! coordinate is convex along a line, so an occluder between such a camera and a point of the shell
+//! lies inside as well, and was swept before. Cameras on the other side of an object take part once
+//! the shells have grown past them. With a dark background, all photographs are tested at once:
+//! where one shows background at a candidate there is no surface, whatever lies between.
 //!
-//! Real photographs agree more or less: passes with ever more patience take what those before left
-//! open. A pass knows its claims when a run has ended, some shells late, which is why this is
-//! approximate, as the papers' is. Decisions of a shell know the claims of those before it alone,
-//! and claims are sets of bits, so that the result does not depend on threads.
+//! Real photographs agree to different degrees: passes with increasing tolerance process what
+//! earlier ones left open. A pass makes its claims when a run has ended, some shells late, so the
+//! method is approximate, like the papers'. Decisions on a shell only depend on claims of earlier
+//! shells, and claims are sets of bits, so that the result does not depend on threads.
 
 mod evidence;
 mod photograph;
@@ -49,60 +49,60 @@ pub struct PhotographsJob {
     pub half_size_m: f64,
     /// Pixels a side of a face.
     pub face_size_px: u32,
-    /// Photographs agree on a colour if its standard deviation is no more than this, levels of 255.
+    /// Largest standard deviation of a colour on which photographs agree, levels of 255.
     pub agreement: f32,
-    /// Dark background: no surface has a pixel whose channels are all at most this level.
+    /// Background of the photographs.
     pub backdrop: Backdrop,
 }
 
 /// Background of the photographs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Backdrop {
-    /// Surfaces are everywhere.
+    /// Every pixel shows a surface.
     None,
-    /// Automatic: a dark background if most of the image borders are dark.
+    /// Detects a dark background: most of the image borders are dark.
     Auto,
-    /// Pixels of which all channels are at most this.
+    /// Pixels with all channels at most this level show background.
     Dark(u8),
 }
 
-/// One march outward.
+/// Parameters of one march outward.
 struct Pass {
-    /// Standard deviation up to which photographs agree, levels.
+    /// Largest standard deviation on which photographs agree, levels.
     agreement: f32,
     /// Number of photographs that must see a surface.
-    least_views: usize,
-    /// The most shells of a run: as long as that photographs may agree before it is decided.
+    min_views: usize,
+    /// Maximum number of shells of a run.
     longest_run: u32,
 }
 
 impl Pass {
-    /// The variance up to which colours agree, summed over channels.
+    /// Largest variance of colours that agree, summed over channels, levels squared.
     fn agreeing_variance(&self) -> f32 {
         3.0 * self.agreement.powi(2)
     }
 
-    /// The most that one candidate counts in the mean of its window: at edges some disagree without
-    /// bound.
-    fn most_variance(&self) -> f32 {
-        /// In standard deviations.
+    /// Largest contribution of one candidate to the mean of its window: at edges, some variances
+    /// are very large.
+    fn max_variance(&self) -> f32 {
+        /// Limit in standard deviations.
         const MOST: f32 = 2.2;
         3.0 * (MOST * self.agreement).powi(2)
     }
 }
 
-/// Photographs that must see a surface: two agree too easily.
-const LEAST_VIEWS: usize = 3;
+/// Minimum number of photographs that must see a surface: two agree too easily.
+const MIN_VIEWS: usize = 3;
 
-/// Bytes of photographs that are in memory at once, at most; those nearest to the centre are taken.
+/// Maximum bytes of photographs in memory; the nearest to the centre are used.
 const PHOTOGRAPHS_BYTES: u64 = 1 << 30;
 
 impl PhotographsJob {
-    /// Standard deviation up to which photographs agree by default, levels of 255.
+    /// Default of [`Self::agreement`].
     pub const AGREEMENT: f32 = 18.0;
 
-    /// A cube about the camera that has the most others near it, as fine as its photograph,
-    /// reaching half-way to the nearest.
+    /// Suggests a cube about the camera in the densest part of the set, with the resolution of its
+    /// photograph, that reaches half-way to the nearest camera.
     pub fn suggest(set: &ImageSet) -> Self {
         let densest = set.densest_view();
         let focal = densest.map_or(512.0, |(view, _)| view.lens.pixels_per_radian(view.size_px));
@@ -118,8 +118,8 @@ impl PhotographsJob {
         }
     }
 
-    /// Colours the voxels that views agree on; of many views those nearest to the centre, up to a
-    /// GiB of pictures.
+    /// Runs voxel colouring. Of many views, those nearest to the centre are used, up to 1 GiB of
+    /// images.
     ///
     /// # Errors
     /// [`ImagesError`] of the first view that cannot be loaded.
@@ -154,11 +154,11 @@ impl PhotographsJob {
             ..self.clone()
         }
         .sweep(photographs, &depths, progress);
-        // Cameras around an object look all ways; one looks at it as the nearest does.
-        let held = nearest.first().map(|view| view.pose.world_from_eye);
+        // Cameras around an object look in all directions; take the direction of the nearest one.
+        let axes = nearest.first().map(|view| view.pose.world_from_eye);
         let info = CaptureInfo {
-            ahead: held.map(|held| -held.z_axis),
-            up: held.map(|held| held.y_axis),
+            ahead: axes.map(|axes| -axes.z_axis),
+            up: axes.map(|axes| axes.y_axis),
             ..headbox_ldi::from_images::image_set_info(set, self.centre, self.half_size_m)
         };
         Ok(CubeSamples {
@@ -170,24 +170,24 @@ impl PhotographsJob {
 
     /// Prepares the photographs and the eye depths of the shells, metres.
     fn prepare(&self, views: Vec<LoadedView>) -> (Vec<Photograph>, Vec<f64>) {
-        let dark = self.dark(&views);
+        let dark = self.backdrop_level(&views);
         let photographs: Vec<Photograph> = views
             .into_iter()
             .filter_map(|view| Photograph::new(view, self.centre, dark))
             .collect();
-        let depths = shells::depths(&photographs, LEAST_VIEWS);
+        let depths = shells::depths(&photographs, MIN_VIEWS);
         (photographs, depths)
     }
 
     fn passes(&self) -> [Pass; 3] {
         [(1.0, 16), (2.0, 32), (4.0, 64)].map(|(patience, longest_run)| Pass {
             agreement: self.agreement * patience,
-            least_views: LEAST_VIEWS,
+            min_views: MIN_VIEWS,
             longest_run,
         })
     }
 
-    /// The six faces.
+    /// Sweeps all shells in every pass; returns the six faces.
     fn sweep(
         &self,
         photographs: Vec<Photograph>,
@@ -195,28 +195,28 @@ impl PhotographsJob {
         progress: &dyn Progress,
     ) -> Vec<LayeredDepthImage> {
         let mut sweep = Sweep::new(self, photographs);
-        // Where nobody has anything to say in one pass nobody will in the next.
-        let mut may_hold = vec![true; depths.len()];
+        // A shell without any candidate in one pass has none in the next.
+        let mut has_candidates = vec![true; depths.len()];
         for pass in &self.passes() {
             progress.begin("colouring", "shells", depths.len() as u64);
-            for (depth, may_hold) in depths.iter().zip(&mut may_hold) {
+            for (depth, has_candidates) in depths.iter().zip(&mut has_candidates) {
                 if progress.is_cancelled() {
                     break;
                 }
-                if *may_hold {
-                    *may_hold = sweep.shell(*depth, pass);
+                if *has_candidates {
+                    *has_candidates = sweep.sweep_shell(*depth, pass);
                 } else {
-                    sweep.end(pass);
+                    sweep.end_runs(pass);
                 }
                 progress.advance(1);
             }
-            sweep.end(pass);
+            sweep.end_runs(pass);
         }
         sweep.finish()
     }
 
-    /// The level up to which pixels of these views show a backdrop, if they have one.
-    pub fn dark(&self, views: &[LoadedView]) -> Option<u8> {
+    /// Returns the level up to which pixels of these views show background, if there is one.
+    fn backdrop_level(&self, views: &[LoadedView]) -> Option<u8> {
         match self.backdrop {
             Backdrop::None => None,
             Backdrop::Dark(level) => Some(level),
@@ -224,7 +224,7 @@ impl PhotographsJob {
         }
     }
 
-    /// A sentence on photographs for which there is no room in memory: how many, and what to do.
+    /// Returns a message about photographs that do not fit into memory: their number, and a remedy.
     pub fn left_out(&self, views: &[&View]) -> Option<String> {
         let perspective = views
             .iter()
@@ -241,19 +241,20 @@ impl PhotographsJob {
         })
     }
 
-    /// The views that are asked, the nearest first, as many as memory holds.
+    /// Returns the perspective views, the nearest to the centre first, as many as fit into memory.
     fn nearest<'a>(&self, views: &[&'a View]) -> Vec<&'a View> {
         let mut views: Vec<&View> = views
             .iter()
             .copied()
             .filter(|view| matches!(view.lens, Lens::Pinhole(_)))
             .collect();
-        let apart = |view: &View| view.pose.eye.distance_squared(self.centre);
-        views.sort_by(|a, b| apart(a).total_cmp(&apart(b)));
+        let distance_squared = |view: &View| view.pose.eye.distance_squared(self.centre);
+        views.sort_by(|a, b| distance_squared(a).total_cmp(&distance_squared(b)));
         let mut bytes = 0;
         views.retain(|view| {
-            bytes +=
-                Photograph::BYTES_A_PIXEL * u64::from(view.size_px[0]) * u64::from(view.size_px[1]);
+            bytes += Photograph::BYTES_PER_PIXEL
+                * u64::from(view.size_px[0])
+                * u64::from(view.size_px[1]);
             bytes <= PHOTOGRAPHS_BYTES
         });
         views

@@ -1,4 +1,5 @@
-//! A photograph that is asked about candidates, and the pixels of it that kept ones have claimed.
+//! Photograph whose colours candidates are compared with, and its pixels claimed by kept
+//! candidates.
 
 use fearless_simd::prelude::*;
 use fearless_simd::{f32x16, mask32x16, u32x16};
@@ -7,30 +8,31 @@ use headbox_core::cube_face::Face;
 use headbox_core::texels::{blend_quads, gather_quads, locate};
 use headbox_images::{Lens, LoadedView};
 
-/// A photograph relative to a cube's centre.
+/// Photograph with its camera relative to a cube's centre.
 pub(super) struct Photograph {
     width: usize,
     height: usize,
-    /// sRGB; the last channel is [`SILENT`] where the view is masked out or a kept candidate has
-    /// claimed it, [`BEHIND`] for the backdrop, else 255.
+    /// sRGB; the fourth channel is [`EXCLUDED`] where the view is masked out or a kept candidate
+    /// has claimed the pixel, [`BACKDROP`] for background, else 255.
     color: Vec<[u8; 4]>,
-    has_backdrop: bool,
-    /// Rows: x times w, y times w, and w (eye depth) of a point relative to the eye.
+    /// True if any pixel shows background.
+    pub(super) has_backdrop: bool,
+    /// Projection matrix by rows: x w, y w, and w (eye depth) of a point relative to the eye.
     rows: DMat3,
-    /// The eye, metres, relative to the centre.
-    eye: DVec3,
-    /// Pixels of a radian.
+    /// Eye relative to the centre, metres.
+    pub(super) eye: DVec3,
+    /// Pixels per radian.
     focal_px: f64,
 }
 
-/// Marks pixels that say nothing.
-const SILENT: u8 = 0;
+/// Marks pixels that are ignored.
+const EXCLUDED: u8 = 0;
 
-/// Marks pixels that show the backdrop.
-const BEHIND: u8 = 1;
+/// Marks pixels that show background.
+const BACKDROP: u8 = 1;
 
-/// Takes a pixel (x, y, 1) of a face, at eye depth 1, to x w, y w, w in a photograph; `start` is to
-/// be added once for any depth.
+/// Projection of a pixel (x, y, 1) of a face at eye depth 1 to x w, y w, w in a photograph; `start`
+/// is added once, independent of the depth.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Projection {
     start: Vec3,
@@ -40,8 +42,8 @@ pub(super) struct Projection {
 }
 
 impl Projection {
-    /// At an eye depth: x w, y w, w of the first pixel's middle, and what a step to the right and
-    /// down adds.
+    /// Returns, at an eye depth, the homogeneous position (x w, y w, w) of the first pixel's
+    /// centre, and its change per pixel right and down.
     pub(super) fn at(&self, depth: f32) -> [Vec3; 3] {
         [
             self.start + self.corner * depth,
@@ -52,10 +54,10 @@ impl Projection {
 }
 
 impl Photograph {
-    /// Memory for each pixel of a view.
-    pub(super) const BYTES_A_PIXEL: u64 = 4;
+    /// Bytes of memory per pixel of a view.
+    pub(super) const BYTES_PER_PIXEL: u64 = 4;
 
-    /// `None` for a panorama, and for a picture of a single row or column.
+    /// Prepares a loaded view; `None` for a panorama, and for an image of a single row or column.
     pub(super) fn new(view: LoadedView, centre: DVec3, dark: Option<u8>) -> Option<Self> {
         let Lens::Pinhole(pinhole) = view.lens else {
             return None;
@@ -76,7 +78,7 @@ impl Photograph {
         Some(Self {
             width,
             height,
-            has_backdrop: color.iter().any(|pixel| pixel[3] == BEHIND),
+            has_backdrop: color.iter().any(|pixel| pixel[3] == BACKDROP),
             color,
             rows,
             eye: view.pose.eye - centre,
@@ -84,18 +86,14 @@ impl Photograph {
         })
     }
 
-    /// The eye, metres, relative to the centre.
-    pub(super) fn eye(&self) -> DVec3 {
-        self.eye
-    }
-
     /// Returns true if the eye is inside the shell at an eye depth of the faces.
     pub(super) fn is_inside(&self, depth: f64) -> bool {
         self.eye.abs().max_element() < depth
     }
 
-    /// Pixels that a metre across the line of sight takes at a point relative to the centre.
-    pub(super) fn pixels_a_metre(&self, point: DVec3) -> f64 {
+    /// Returns the size in pixels of a metre across the line of sight at a point relative to the
+    /// centre.
+    pub(super) fn pixels_per_metre(&self, point: DVec3) -> f64 {
         self.focal_px / self.eye.distance(point)
     }
 
@@ -108,8 +106,8 @@ impl Photograph {
         inside.then_some([x, y])
     }
 
-    /// Intersections of the rays of `side` by `side` pixels, border to border, with the shell at an
-    /// eye depth of the faces, relative to the centre. The eye is inside it.
+    /// Intersects the rays of `side` by `side` pixels, border to border, with the shell at an eye
+    /// depth of the faces; positions relative to the centre. The eye is inside of the shell.
     pub(super) fn points_on_shell(&self, depth: f64, side: usize) -> impl Iterator<Item = DVec3> {
         let unproject = self.rows.inverse();
         let at =
@@ -122,17 +120,17 @@ impl Photograph {
         })
     }
 
-    /// From a face's pixels.
+    /// Returns the projection of a face's pixels.
     pub(super) fn projection(&self, face: Face, face_px: u32) -> Projection {
         let step = 2.0 / f64::from(face_px);
         let corner =
             face.normal() - face.right() + face.up() + (face.right() - face.up()) * (step / 2.0);
-        let of = |vector: DVec3| (self.rows * vector).as_vec3();
+        let project = |vector: DVec3| (self.rows * vector).as_vec3();
         Projection {
-            start: of(-self.eye),
-            across: of(face.right() * step),
-            down: of(-face.up() * step),
-            corner: of(corner),
+            start: project(-self.eye),
+            across: project(face.right() * step),
+            down: project(-face.up() * step),
+            corner: project(corner),
         }
     }
 
@@ -141,15 +139,10 @@ impl Photograph {
         [self.width as f32, self.height as f32]
     }
 
-    /// Returns true if any pixel shows background.
-    pub(super) fn has_backdrop(&self) -> bool {
-        self.has_backdrop
-    }
-
-    /// Mask of those of sixteen positions that show background; arbitrary for positions outside the
+    /// Returns a mask of the positions that show background; arbitrary for positions outside of the
     /// image.
     #[inline(always)]
-    pub(super) fn show_backdrop<S: Simd>(&self, [x, y]: [f32x16<S>; 2]) -> mask32x16<S> {
+    pub(super) fn shows_backdrop<S: Simd>(&self, [x, y]: [f32x16<S>; 2]) -> mask32x16<S> {
         let last = [self.width as u32 - 1, self.height as u32 - 1];
         let column = u32x16::truncate_from(x.max(0.0)).min(last[0]);
         let row = u32x16::truncate_from(y.max(0.0)).min(last[1]);
@@ -160,11 +153,11 @@ impl Photograph {
                 .get(*mark as usize)
                 .map_or(0, |pixel| u32::from(pixel[3]));
         }
-        u32x16::load_array(x.token(), marks).simd_eq(u32::from(BEHIND))
+        u32x16::load_array(x.token(), marks).simd_eq(u32::from(BACKDROP))
     }
 
-    /// The colours at sixteen positions inside the picture, sRGB levels in bytes of a word, and
-    /// whether the pixels there have a say.
+    /// Samples the colours at sixteen positions inside of the image, sRGB levels in bytes of a
+    /// word; the mask is set where the pixel is not excluded.
     #[inline(always)]
     pub(super) fn colors<S: Simd>(
         &self,
@@ -182,15 +175,18 @@ impl Photograph {
             return (left, x.simd_lt(f32::NEG_INFINITY)); // never: there are two rows and columns
         };
         let [right, below] = [across.simd_ge(128), down.simd_ge(128)];
-        let own = below.select(
+        let nearest = below.select(
             right.select(four[3], four[2]),
             right.select(four[1], four[0]),
         );
-        (blend_quads(four, [across, down]), (own >> 24).simd_eq(255))
+        (
+            blend_quads(four, [across, down]),
+            (nearest >> 24).simd_eq(255),
+        )
     }
 
-    /// Claims the pixels whose middles lie within `reach` of a position, to each side; at least the
-    /// one that holds it.
+    /// Claims the pixels with centres within `reach` of a position on either side; at least the one
+    /// that contains it.
     pub(super) fn claim(&mut self, x: f32, y: f32, reach: f32) {
         let range = |at: f32, side: usize| {
             let own = at as i64;
@@ -205,17 +201,19 @@ impl Photograph {
         for row in range(y, self.height) {
             for column in range(x, self.width) {
                 let mark = &mut self.color[row * self.width + column][3];
-                *mark = if *mark == BEHIND { BEHIND } else { SILENT };
+                if *mark != BACKDROP {
+                    *mark = EXCLUDED;
+                }
             }
         }
     }
 }
 
-/// Marks the pixels that show a backdrop of levels up to `dark`; those beside others say nothing:
-/// calibrations err by about a pixel.
+/// Marks the pixels that show a background of levels up to `dark`. Those adjacent to other pixels
+/// are excluded: calibrations err by about a pixel.
 fn mark_backdrop(color: &mut [[u8; 4]], width: usize, dark: u8) {
     let shows =
-        |pixel: &[u8; 4]| pixel[3] != SILENT && pixel[..3].iter().all(|level| *level <= dark);
+        |pixel: &[u8; 4]| pixel[3] != EXCLUDED && pixel[..3].iter().all(|level| *level <= dark);
     let dark: Vec<bool> = color.iter().map(shows).collect();
     let height = dark.len() / width;
     for (i, pixel) in color.iter_mut().enumerate().filter(|(i, _)| dark[*i]) {
@@ -225,9 +223,9 @@ fn mark_backdrop(color: &mut [[u8; 4]], width: usize, dark: u8) {
         let mut around =
             rows.map(|row| &dark[row * width + columns.start..row * width + columns.end]);
         pixel[3] = if around.all(|row| row.iter().all(|dark| *dark)) {
-            BEHIND
+            BACKDROP
         } else {
-            SILENT
+            EXCLUDED
         };
     }
 }

@@ -1,11 +1,11 @@
-//! Part of a shell's face that a photograph sees.
+//! Rows and columns of a shell's face that a photograph sees.
 
 use glam::{Vec2, Vec3};
 use std::ops::Range;
 
-/// From where on to where at least `least` of some ranges may overlap: before the so-manieth of
-/// their starts, and after the so-manieth last of their ends, fewer do.
-pub(super) fn common<'a>(
+/// Returns a range outside of which fewer than `least` of the ranges overlap: from the `least`-th
+/// start to the `least`-th last end.
+pub(super) fn overlap<'a>(
     ranges: impl Iterator<Item = &'a Range<usize>>,
     least: usize,
 ) -> Range<usize> {
@@ -21,13 +21,14 @@ pub(super) fn common<'a>(
         .map_or(0..0, |&start| start..ends[last].max(start))
 }
 
-/// Values that are non-negative where an image of a size contains the point with homogeneous
-/// position (x w, y w, w).
+/// Returns values that are all non-negative if an image of a size contains the point with
+/// homogeneous position (x w, y w, w).
 fn bounds(h: Vec3, [width, height]: [f32; 2]) -> [f32; 5] {
     [h.z, h.x, h.y, width * h.z - h.x, height * h.z - h.y]
 }
 
-/// The columns of a row whose middles are in a picture: x w, y w, w are linear in the column.
+/// Returns the columns of a row with centres inside of an image; `first` and `across` are the
+/// homogeneous position (x w, y w, w) at column 0 and its change per column.
 pub(super) fn seen_columns(first: Vec3, across: Vec3, size: [f32; 2], side: usize) -> Range<usize> {
     let (mut start, mut end) = (0.0f32, side as f32);
     for (at_0, slope) in bounds(first, size).into_iter().zip(bounds(across, size)) {
@@ -43,8 +44,8 @@ pub(super) fn seen_columns(first: Vec3, across: Vec3, size: [f32; 2], side: usiz
     start as usize..end.max(start) as usize
 }
 
-/// The rows of a face that a picture shows any of: the face's square is clipped by the picture's
-/// rims (Sutherland and Hodgman).
+/// Returns the rows of a face that an image shows any part of: clips the face's square by the
+/// borders of the image (Sutherland and Hodgman).
 pub(super) fn seen_rows(
     [corner, across, down]: &[Vec3; 3],
     size: [f32; 2],
@@ -62,11 +63,11 @@ pub(super) fn seen_rows(
         let mut clipped = Vec::with_capacity(polygon.len() + 1);
         for (k, &b) in polygon.iter().enumerate() {
             let a = polygon[(k + polygon.len() - 1) % polygon.len()];
-            let (of_a, of_b) = (inside(a), inside(b));
-            if (of_a < 0.0) != (of_b < 0.0) {
-                clipped.push(a.lerp(b, of_a / (of_a - of_b)));
+            let (value_a, value_b) = (inside(a), inside(b));
+            if (value_a < 0.0) != (value_b < 0.0) {
+                clipped.push(a.lerp(b, value_a / (value_a - value_b)));
             }
-            if of_b >= 0.0 {
+            if value_b >= 0.0 {
                 clipped.push(b);
             }
         }
@@ -78,7 +79,7 @@ pub(super) fn seen_rows(
     let (low, high) = polygon.iter().fold((far, 0.0f32), |(low, high), p| {
         (low.min(p.y), high.max(p.y))
     });
-    // A row more to each side makes up for rounding; what it lacks is found out column by column.
+    // One more row on each side absorbs rounding; superfluous rows turn out empty column by column.
     (low.floor() as usize).saturating_sub(1)..(high.ceil() as usize + 2).min(side)
 }
 
@@ -120,10 +121,10 @@ mod tests {
     #[test]
     fn so_many_ranges_overlap_here() {
         let ranges = [2..9, 4..12, 5..6, 30..31];
-        assert_eq!(common(ranges.iter(), 1), 2..31);
-        assert_eq!(common(ranges.iter(), 2), 4..12);
-        assert_eq!(common(ranges.iter(), 3), 5..9);
-        assert_eq!(common(ranges.iter(), 5), 0..0);
-        assert!(common([].iter(), 1).is_empty());
+        assert_eq!(overlap(ranges.iter(), 1), 2..31);
+        assert_eq!(overlap(ranges.iter(), 2), 4..12);
+        assert_eq!(overlap(ranges.iter(), 3), 5..9);
+        assert_eq!(overlap(ranges.iter(), 5), 0..0);
+        assert!(overlap([].iter(), 1).is_empty());
     }
 }

@@ -1,50 +1,46 @@
-//! Runs: consecutive shells of a ray on which photographs agree. Where little tells shells apart
-//! they agree long before the surface; so of each run only the shell is kept on which they agree
-//! best.
+//! Runs: consecutive shells of a ray on which photographs agree. Where colours hardly vary,
+//! photographs agree long before the surface. So only the shell with the best agreement of each run
+//! is kept.
 
 use super::Pass;
 use super::evidence::EvidenceRow;
 
-/// A candidate that was kept.
+/// Candidate that was kept as a surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct KeptCandidates {
+pub(super) struct KeptCandidate {
     /// Number of the pixel on its face.
     pub(super) pixel: u32,
-    /// 1/m.
+    /// Inverse depth, 1/m.
     pub(super) inverse_depth: f32,
     pub(super) color_srgb: [u8; 3],
 }
 
-/// The best of a run so far.
+/// Run of a pixel, and its best shell so far.
 #[derive(Clone, Copy, Default)]
 struct Run {
-    /// Shells; 0 for none.
+    /// Number of shells; 0 for no run.
     length: u32,
     variance: f32,
     inverse_depth: f32,
     color_srgb: [u8; 3],
 }
 
-/// Runs of a row of pixels, from one column on.
+/// Runs of a row of pixels, from column `start` on.
 #[derive(Clone, Default)]
 pub(super) struct RunRow {
     start: usize,
     runs: Vec<Run>,
     /// True if a run may still be open.
-    may_end: bool,
+    may_be_open: bool,
 }
 
-/// Colours are compared in a window of so many pixels to each side.
+/// Radius of the window in which variances are averaged, pixels.
 const WINDOW: usize = 1;
 
 impl RunRow {
-    /// Returns true if a run may still be open.
-    pub(super) fn may_end(&self) -> bool {
-        self.may_end
-    }
-
-    /// Takes in the evidence of a shell at an inverse depth, of rows from `first` on, and gives
-    /// what is kept for good of row number `row` of a face of `side` pixels.
+    /// Continues the runs of row number `row` of a face of `side` pixels by the evidence of a shell
+    /// at an inverse depth; `evidence` begins at row `first`. Returns the candidates of the runs
+    /// that end.
     pub(super) fn step(
         &mut self,
         evidence: &[EvidenceRow],
@@ -53,22 +49,22 @@ impl RunRow {
         side: usize,
         inverse_depth: f32,
         pass: &Pass,
-    ) -> Vec<KeptCandidates> {
+    ) -> Vec<KeptCandidate> {
         let own = row
             .checked_sub(first)
             .and_then(|i| evidence.get(i))
             .filter(|own| !own.is_empty());
-        if own.is_none() && !self.may_end {
+        if own.is_none() && !self.may_be_open {
             return Vec::new();
         }
         if let Some(own) = own {
-            self.reach(own.start, own.start + own.variances.len());
+            self.extend_to(own.start, own.start + own.variances.len());
         }
         let around = |row: usize| row.saturating_sub(first).min(evidence.len());
         let window = &evidence[around(row.saturating_sub(WINDOW))..around(row + WINDOW + 1)];
         let sums = WindowSums::new(window, self.start, self.runs.len());
         let mut kept = Vec::new();
-        self.may_end = false;
+        self.may_be_open = false;
         for ((i, run), column) in self.runs.iter_mut().enumerate().zip(self.start..) {
             let color = own.and_then(|own| own.color_srgb(column));
             let agreed = color.and_then(|color| Some((sums.mean(i, pass)?, color)));
@@ -89,20 +85,20 @@ impl RunRow {
             let ends = run.length > 0 && (agreed.is_none() || run.length == pass.longest_run);
             if ends {
                 let pixel = (row * side + column) as u32;
-                kept.push(KeptCandidates {
+                kept.push(KeptCandidate {
                     pixel,
                     inverse_depth: run.inverse_depth,
                     color_srgb: run.color_srgb,
                 });
                 run.length = 0;
             }
-            self.may_end |= run.length > 0;
+            self.may_be_open |= run.length > 0;
         }
         kept
     }
 
-    /// Makes room for runs of these columns.
-    fn reach(&mut self, start: usize, end: usize) {
+    /// Extends the row to contain these columns.
+    fn extend_to(&mut self, start: usize, end: usize) {
         if start == end {
             return;
         }
@@ -118,15 +114,15 @@ impl RunRow {
     }
 }
 
-/// Sums of variances, and how many candidates they are of, column by column of some rows.
+/// Column sums of variances and their counts over some rows.
 struct WindowSums {
-    /// From the column before the first on.
+    /// Sums from the column before the first on.
     variances: Vec<f32>,
     counts: Vec<f32>,
 }
 
 impl WindowSums {
-    /// Evidence of `columns` columns from `start` on.
+    /// Sums the evidence of `columns` columns from `start` on.
     fn new(rows: &[EvidenceRow], start: usize, columns: usize) -> Self {
         let length = columns + 2 * WINDOW;
         let mut sums = Self {
@@ -152,8 +148,8 @@ impl WindowSums {
         sums
     }
 
-    /// The mean variance of the candidates around a column, counted from the first, if photographs
-    /// agree there.
+    /// Returns the mean variance in the window around a column, counted from the first, if
+    /// photographs agree there.
     fn mean(&self, column: usize, pass: &Pass) -> Option<f32> {
         let around = column..column + 2 * WINDOW + 1;
         let [sum, count]: [f32; 2] =

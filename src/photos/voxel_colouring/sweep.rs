@@ -1,8 +1,8 @@
-//! The march outward: which candidates of a shell are kept, and what those claim.
+//! The march outward: keeps candidates of each shell and claims the pixels that they cover.
 
-use super::evidence::{EvidenceRow, Witnesses};
+use super::evidence::{EvidenceRow, ShellViews};
 use super::photograph::{Photograph, Projection};
-use super::runs::{KeptCandidates, RunRow};
+use super::runs::{KeptCandidate, RunRow};
 use super::{Pass, PhotographsJob};
 use glam::DVec3;
 use headbox_core::cube_face::Face;
@@ -10,29 +10,29 @@ use headbox_cube::model::depth_bins::DepthBins;
 use headbox_cube::model::samples::{DepthPixel, EncodedNormal, LayeredDepthImage};
 use rayon::prelude::*;
 
-/// The cube so far.
+/// Voxel colouring in progress.
 pub(super) struct Sweep<'a> {
     job: &'a PhotographsJob,
-    /// The nearest first.
+    /// Photographs, the nearest first.
     photographs: Vec<Photograph>,
     faces: Vec<SweptFace>,
-    /// True if runs may still be open.
-    may_run: bool,
+    /// True if runs may be open.
+    may_have_runs: bool,
 }
 
-/// One of its faces.
+/// Face of the cube in progress.
 struct SweptFace {
     face: Face,
     /// Projection of every photograph.
     projections: Vec<Projection>,
     /// Runs of every row.
     runs: Vec<RunRow>,
-    kept: Vec<KeptCandidates>,
+    kept: Vec<KeptCandidate>,
 }
 
 impl<'a> Sweep<'a> {
     pub(super) fn new(job: &'a PhotographsJob, photographs: Vec<Photograph>) -> Self {
-        let swept = |face| SweptFace {
+        let swept_face = |face| SweptFace {
             face,
             projections: photographs
                 .iter()
@@ -41,47 +41,47 @@ impl<'a> Sweep<'a> {
             runs: vec![RunRow::default(); job.face_size_px as usize],
             kept: Vec::new(),
         };
-        let faces = Face::ALL.into_iter().map(swept).collect();
+        let faces = Face::ALL.into_iter().map(swept_face).collect();
         Self {
             job,
             photographs,
             faces,
-            may_run: false,
+            may_have_runs: false,
         }
     }
 
-    /// Sweeps the shell at an eye depth of the faces, metres; `false` if there is no evidence of
-    /// any surface.
-    pub(super) fn shell(&mut self, depth: f64, pass: &Pass) -> bool {
-        let mut is_anything = false;
+    /// Sweeps the shell at an eye depth of the faces, metres; returns false if no candidate is
+    /// consistent.
+    pub(super) fn sweep_shell(&mut self, depth: f64, pass: &Pass) -> bool {
+        let mut has_candidates = false;
         let side = self.job.face_size_px as usize;
         let before: Vec<usize> = self.faces.iter().map(|face| face.kept.len()).collect();
         for face in &mut self.faces {
-            let witnesses = Witnesses::new(
+            let views = ShellViews::new(
                 &self.photographs,
                 &face.projections,
                 depth,
                 side,
-                pass.least_views,
+                pass.min_views,
             );
-            let rows = witnesses.rows();
+            let rows = views.rows();
             let first = rows.start;
             let evidence: Vec<EvidenceRow> = rows
                 .into_par_iter()
-                .map(|row| witnesses.row(row, pass))
+                .map(|row| views.row(row, pass))
                 .collect();
-            is_anything |= evidence.iter().any(|row| !row.is_empty());
+            has_candidates |= evidence.iter().any(|row| !row.is_empty());
             face.step(&evidence, first, depth, pass);
         }
         self.claim(&before);
-        self.may_run = is_anything;
-        is_anything
+        self.may_have_runs = has_candidates;
+        has_candidates
     }
 
-    /// Ends all runs, at the end of a pass or where a shell is passed over: the best of each is
-    /// kept.
-    pub(super) fn end(&mut self, pass: &Pass) {
-        if !std::mem::take(&mut self.may_run) {
+    /// Ends all runs at the end of a pass or where a shell is skipped: the best candidate of each
+    /// is kept.
+    pub(super) fn end_runs(&mut self, pass: &Pass) {
+        if !std::mem::take(&mut self.may_have_runs) {
             return;
         }
         let before: Vec<usize> = self.faces.iter().map(|face| face.kept.len()).collect();
@@ -91,8 +91,8 @@ impl<'a> Sweep<'a> {
         self.claim(&before);
     }
 
-    /// Claims what candidates cover, those that faces kept beyond `before`, in every photograph
-    /// that is asked for their colours.
+    /// Claims the pixels that newly kept candidates cover, in every photograph taken from inside of
+    /// their shell. `before` is the number of each face's earlier candidates.
     fn claim(&mut self, before: &[usize]) {
         let (faces, face_px) = (&self.faces, self.job.face_size_px);
         self.photographs.par_iter_mut().for_each(|photograph| {
@@ -102,9 +102,9 @@ impl<'a> Sweep<'a> {
                     if !photograph.is_inside(depth) {
                         continue;
                     }
-                    let point = middle(face.face, kept.pixel, face_px) * depth;
+                    let point = ray_through(face.face, kept.pixel, face_px) * depth;
                     if let Some([x, y]) = photograph.project(point) {
-                        let reach = depth / f64::from(face_px) * photograph.pixels_a_metre(point);
+                        let reach = depth / f64::from(face_px) * photograph.pixels_per_metre(point);
                         photograph.claim(x as f32, y as f32, reach as f32);
                     }
                 }
@@ -112,8 +112,8 @@ impl<'a> Sweep<'a> {
         });
     }
 
-    /// The six faces. What lies within one pixel of parallax along a ray is one surface: the
-    /// nearest of it stays.
+    /// Returns the six faces. Candidates within one pixel of parallax along a ray are one surface,
+    /// of which the nearest is kept.
     pub(super) fn finish(self) -> Vec<LayeredDepthImage> {
         let similar =
             DepthBins::new(self.job.half_size_m, self.job.face_size_px).inverse_depth(1.0) as f32;
@@ -126,29 +126,23 @@ impl<'a> Sweep<'a> {
 }
 
 impl SweptFace {
-    /// Takes in the evidence of a shell, of rows from `first` on.
+    /// Continues the runs of all rows by the evidence of a shell, whose rows begin at `first`.
     fn step(&mut self, evidence: &[EvidenceRow], first: usize, depth: f64, pass: &Pass) {
         let side = self.runs.len();
-        let with_evidence = first..first + evidence.len();
         let step = |(row, runs): (usize, &mut RunRow)| {
-            let is_idle = !runs.may_end() && !with_evidence.contains(&row);
-            if is_idle {
-                Vec::new()
-            } else {
-                runs.step(evidence, first, row, side, (1.0 / depth) as f32, pass)
-            }
+            runs.step(evidence, first, row, side, (1.0 / depth) as f32, pass)
         };
-        let kept: Vec<Vec<KeptCandidates>> =
+        let kept: Vec<Vec<KeptCandidate>> =
             self.runs.par_iter_mut().enumerate().map(step).collect();
         kept.into_iter().for_each(|row| self.kept.extend(row));
     }
 }
 
-/// A face of what was kept.
+/// Makes a face's LDI of its kept candidates.
 fn layers(
     face: Face,
     face_px: u32,
-    mut kept: Vec<KeptCandidates>,
+    mut kept: Vec<KeptCandidate>,
     similar: f32,
 ) -> LayeredDepthImage {
     // By pixel, the farthest first.
@@ -161,24 +155,19 @@ fn layers(
     for pixel in kept.chunk_by(|a, b| a.pixel == b.pixel) {
         let first = image.samples.len();
         let mut nearest = f32::INFINITY;
-        for kept in pixel.iter().rev().filter(|kept| {
-            let is_distinct = nearest - kept.inverse_depth > similar;
-            nearest = if is_distinct {
-                kept.inverse_depth
-            } else {
-                nearest
-            };
-            is_distinct
-        }) {
+        for kept in pixel.iter().rev() {
+            if nearest - kept.inverse_depth <= similar {
+                continue;
+            }
+            nearest = kept.inverse_depth;
             let [r, g, b] = kept.color_srgb;
             let normal =
-                EncodedNormal::new(-middle(face, kept.pixel, face_px).normalize().as_vec3());
-            let sample = DepthPixel {
+                EncodedNormal::new(-ray_through(face, kept.pixel, face_px).normalize().as_vec3());
+            image.samples.push(DepthPixel {
                 inverse_depth: kept.inverse_depth,
                 normal,
                 color_srgb: [r, g, b, 255],
-            };
-            image.samples.push(sample);
+            });
         }
         image.samples[first..].reverse();
         image.offsets[pixel[0].pixel as usize + 1] = (image.samples.len() - first) as u32;
@@ -191,8 +180,8 @@ fn layers(
     image
 }
 
-/// The ray through the middle of a pixel, at eye depth 1.
-fn middle(face: Face, pixel: u32, face_px: u32) -> DVec3 {
+/// Returns the ray through the centre of a pixel, at eye depth 1.
+fn ray_through(face: Face, pixel: u32, face_px: u32) -> DVec3 {
     face.direction(
         f64::from(pixel % face_px) + 0.5,
         f64::from(pixel / face_px) + 0.5,

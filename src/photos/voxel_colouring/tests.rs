@@ -96,7 +96,7 @@ type Candidate = (usize, u32, u32);
 
 impl<'a> Oracle<'a> {
     fn new(job: &'a PhotographsJob, views: &'a [LoadedView]) -> Self {
-        let dark = job.dark(views).expect("a dark backdrop");
+        let dark = job.backdrop_level(views).expect("a dark backdrop");
         let [width, height] = SIZE.map(i64::from);
         let is_dark = |view: &LoadedView, x: i64, y: i64| {
             let outside = x < 0 || y < 0 || x >= width || y >= height;
@@ -172,8 +172,8 @@ impl<'a> Oracle<'a> {
             .map(|color| color.distance_squared(mean))
             .sum::<f64>()
             / count;
-        (colors.len() >= pass.least_views)
-            .then(|| (variance.min(f64::from(pass.most_variance())), mean))
+        (colors.len() >= pass.min_views)
+            .then(|| (variance.min(f64::from(pass.max_variance())), mean))
     }
 
     fn claim(&mut self, candidate: Candidate, depth: f64) {
@@ -399,7 +399,7 @@ fn omitted_photographs_are_reported() {
     };
     assert_eq!(told(100, [640, 480]), None);
     // As many of 2^20 pixels as fill it, and three more.
-    let room = (PHOTOGRAPHS_BYTES / (Photograph::BYTES_A_PIXEL << 20)) as u32;
+    let room = (PHOTOGRAPHS_BYTES / (Photograph::BYTES_PER_PIXEL << 20)) as u32;
     assert_eq!(told(room, [1024, 1024]), None);
     let sentence = told(room + 3, [1024, 1024]).expect("a sentence");
     assert!(

@@ -7,14 +7,14 @@ use headbox_core::triangle_scan::SUBPIXELS;
 pub(crate) struct Lattice {
     pub(crate) columns: u32,
     pub(crate) rows: u32,
-    /// Between nodes, in parts of a pixel.
+    /// Distance between nodes, subpixels.
     pub(crate) spacing: i32,
 }
 
 impl Lattice {
-    /// For a frame of this size.
+    /// Creates the grid for a frame of `width` x `height` pixels.
     pub(crate) fn new(width: u32, height: u32, spacing_px: f32) -> Self {
-        // A wider grid than the frame is no grid; a finer one than pixels shows nothing more.
+        // Beyond 256 px a grid shows nothing of use; a spacing below a pixel adds no detail.
         let spacing = (spacing_px.clamp(1.0, 256.0) * SUBPIXELS as f32) as i32;
         let nodes =
             |side: u32| (i64::from(side) * i64::from(SUBPIXELS) / i64::from(spacing)) as u32 + 4;
@@ -25,15 +25,15 @@ impl Lattice {
         }
     }
 
-    /// Nodes in a pixel, along an axis.
+    /// Returns the number of nodes per pixel, along an axis.
     #[inline]
-    pub(crate) fn per_spacing_px(&self) -> f32 {
+    pub(crate) fn nodes_per_px(&self) -> f32 {
         SUBPIXELS as f32 / self.spacing as f32
     }
 
-    /// The middle of a node's cell.
+    /// Returns the centre of a node's cell, subpixels.
     #[inline]
-    pub(crate) fn middle(&self, column: usize, row: usize) -> [i32; 2] {
+    pub(crate) fn cell_centre(&self, column: usize, row: usize) -> [i32; 2] {
         [column, row].map(|number| (number as i32 - 1) * self.spacing)
     }
 }

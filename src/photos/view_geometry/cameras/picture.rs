@@ -1,6 +1,6 @@
 //! A camera's image as a texture: linear light, mip levels, and the inverse depth of every texel.
 
-use crate::view_geometry::render::fuse::NOBODY;
+use crate::view_geometry::render::fuse::NO_OWNER;
 use glam::Vec4;
 use headbox_core::color::linear_from_srgb8;
 use headbox_core::mip::{MipLevel, OddEdge};
@@ -8,11 +8,11 @@ use headbox_core::texels::bilinear;
 use headbox_images::{FARTHEST_M, LoadedView};
 use std::iter::successors;
 
-/// Sixteen bits of linear light.
+/// Full linear light in 16 bits.
 const FULL: f32 = 65_535.0;
 
-/// The fourth part of texels that are masked out, and of texels of unknown depth; above them
-/// inverse depth.
+/// Fourth channel of a texel: masked, unknown depth, or from `LEAST_DEPTH` on quantised inverse
+/// depth.
 pub(super) const MASKED: u16 = 0;
 const UNKNOWN: u16 = 1;
 pub(super) const LEAST_DEPTH: u16 = 2;
@@ -21,15 +21,15 @@ pub(super) const LEAST_DEPTH: u16 = 2;
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Picture {
     pub(super) levels: Vec<Level>,
-    /// 1/m for a step of the texels' fourth part.
+    /// Quantisation step of the inverse depth in the texels' fourth channel, 1/m.
     pub(crate) inverse_depth_step: f32,
 }
 
-/// Mip level: red, green, blue, and inverse depth in steps, row by row; the last column and row are
-/// repeated, so that every texel has neighbours.
+/// Mip level. Texels are red, green, blue and quantised inverse depth, row by row; the last column
+/// and row are repeated, so that every texel has neighbours.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Level {
-    /// Columns and rows, without the repeated ones.
+    /// Width and height, without the repeated column and row.
     pub(super) size: [f32; 2],
     /// Last column and row, without the repeated ones.
     pub(super) last: [i32; 2],
@@ -40,8 +40,8 @@ pub(super) struct Level {
     pub(super) texels: Vec<[u16; 4]>,
 }
 
-/// Maximum number of mip levels, the image included: what is minified more than 16 times is better
-/// served by another camera.
+/// Maximum number of mip levels, including the image: another camera is a better choice for a
+/// minification beyond 16 times.
 const LEVELS: usize = 5;
 
 impl Picture {
@@ -57,7 +57,7 @@ impl Picture {
             .filter_map(inverse)
             .fold(0.0, f32::max);
         let step = if nearest > 0.0 {
-            nearest / f32::from(NOBODY - LEAST_DEPTH)
+            nearest / f32::from(NO_OWNER - LEAST_DEPTH)
         } else {
             1.0
         };
@@ -66,10 +66,11 @@ impl Picture {
             let [r, g, b] = [r, g, b].map(|c| (linear_from_srgb8(c) * FULL + 0.5) as u16);
             let depth = match inverse(i) {
                 _ if a == 0 => MASKED,
-                // What is far is known to be, though it seem nearer by a step.
+                // A very distant depth is still known: at least one step, even if that is nearer.
                 Some(inverse) => {
                     LEAST_DEPTH
-                        + (inverse / step + 0.5).clamp(1.0, f32::from(NOBODY - LEAST_DEPTH)) as u16
+                        + (inverse / step + 0.5).clamp(1.0, f32::from(NO_OWNER - LEAST_DEPTH))
+                            as u16
                 }
                 None => UNKNOWN,
             };
@@ -82,7 +83,7 @@ impl Picture {
         };
         let levels = successors(Some(finest), |level| {
             let can_be_halved = level.size[0].min(level.size[1]) >= 2;
-            can_be_halved.then(|| level.halved(OddEdge::Repeat, mean_of_unmasked))
+            can_be_halved.then(|| level.halved(OddEdge::Repeat, average_unmasked))
         });
         Self {
             levels: levels
@@ -105,7 +106,7 @@ impl Picture {
     /// one texel.
     #[inline]
     pub(crate) fn level_for(&self, texels: f32) -> usize {
-        // Half an octave belongs to either side.
+        // Level boundaries are at half octaves.
         let finest = texels * texels < 2.0;
         if finest {
             0
@@ -114,8 +115,8 @@ impl Picture {
         }
     }
 
-    /// Samples the image at a position in pixels: linear colour, up to [`FULL`], bilinear over
-    /// unmasked texels, and inverse depth of the nearest texel, 1/m, 0 where unknown; `None`
+    /// Samples the image at a position in pixels: linear colour, 0 to [`FULL`], bilinear over
+    /// unmasked texels, and inverse depth of the nearest texel, 1/m, 0 where unknown. `None`
     /// outside and where all texels are masked.
     #[inline(always)]
     pub(crate) fn sample(&self, level: usize, x: f32, y: f32) -> Option<([f32; 3], f32)> {
@@ -125,7 +126,7 @@ impl Picture {
         if !((x >= 0.0) & (y >= 0.0) & (x <= width) & (y <= height)) {
             return None;
         }
-        // Beyond the middles of the outermost texels the colour goes on.
+        // The colour is constant beyond the centres of the outermost texels.
         let (x, y) = (
             (x - 0.5).max(0.0).min(width - 1.0),
             (y - 0.5).max(0.0).min(height - 1.0),
@@ -143,7 +144,7 @@ impl Picture {
         let depth = if fy < 0.5 { upper } else { lower };
         let shown = f32::from(depth.max(LEAST_DEPTH) - LEAST_DEPTH) * self.inverse_depth_step;
         if a[3].min(b[3]).min(c[3].min(d[3])) == MASKED {
-            return Some((unmasked([a, b, c, d], fx, fy)?, shown));
+            return Some((blend_unmasked([a, b, c, d], fx, fy)?, shown));
         }
         let [a, b, c, d] = [a, b, c, d].map(|texel| Vec4::from(texel.map(f32::from)));
         let color = bilinear([a, b, c, d], [fx, fy]);
@@ -152,7 +153,7 @@ impl Picture {
 }
 
 /// Blends the unmasked texels bilinearly.
-fn unmasked(four: [[u16; 4]; 4], fx: f32, fy: f32) -> Option<[f32; 3]> {
+fn blend_unmasked(four: [[u16; 4]; 4], fx: f32, fy: f32) -> Option<[f32; 3]> {
     let weights = [
         (1.0 - fx) * (1.0 - fy),
         fx * (1.0 - fy),
@@ -171,16 +172,16 @@ fn unmasked(four: [[u16; 4]; 4], fx: f32, fy: f32) -> Option<[f32; 3]> {
     (total > 0.0).then(|| sum.map(|c| c / total))
 }
 
-/// Mean of the unmasked ones of four texels, at the nearest of their depths.
-fn mean_of_unmasked(four: [[u16; 4]; 4]) -> [u16; 4] {
-    let color = unmasked(four, 0.5, 0.5).unwrap_or_default();
+/// Averages the unmasked of four texels; takes the nearest of the four depths.
+fn average_unmasked(four: [[u16; 4]; 4]) -> [u16; 4] {
+    let color = blend_unmasked(four, 0.5, 0.5).unwrap_or_default();
     let [r, g, b] = color.map(|c| (c + 0.5) as u16);
     let depth = four.iter().map(|texel| texel[3]).max().unwrap_or(MASKED);
     [r, g, b, depth]
 }
 
 impl Level {
-    /// Repeats the last column and row of a mip level of an image of `image_size` texels.
+    /// Builds a padded level from a mip level of an image of `image_size` texels.
     fn new(mip: &MipLevel<[u16; 4]>, image_size: [usize; 2]) -> Self {
         let [width, height] = mip.size;
         let rows = (0..=height).map(|y| y.min(height - 1));

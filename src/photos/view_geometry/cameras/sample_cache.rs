@@ -1,11 +1,10 @@
-//! Samples kept on disk, so that a thousand cameras cost no time when a set is opened again (E5): a
-//! file of ours, its points mapped.
+//! Depth samples cached on disk, so that a set of a thousand cameras reopens at once (E5): a
+//! container file whose points are memory-mapped.
 //!
-//! A file is named by what it is made of ([`cache::of_views`]): views, as the set and its
-//! registration describe them, the grid, and the origin. So a set that has changed has another
-//! file, and a file that is damaged is made anew. Its points are not read when it is opened: each
-//! camera's have a checksum of their own, which they are held against when its picture is read
-//! ([`check`]).
+//! A file is named by its inputs ([`cache::views_file_name`]): the views as the set and its
+//! registration describe them, the grid, and the origin. So a changed set has another file, and a
+//! damaged file is recomputed. Opening a file does not read its points: those of each camera have
+//! their own checksum, which is verified when the camera's image is loaded ([`verify_on_load`]).
 
 use super::samples::{MAX_PROBES, Probes, Samples};
 use crate::cache;
@@ -17,61 +16,57 @@ use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Numbers that describe a camera: its eye, the columns of its turn, focal lengths and principal
+/// Number of values that describe a camera: eye, columns of the rotation, focal lengths, principal
 /// point.
 const NUMBERS: usize = 16;
 
-/// The sections of the points.
+/// Sections of the points' coordinates.
 const AXES: [&str; 3] = ["x", "y", "z"];
 
 /// Header of a file.
 #[derive(Serialize, Deserialize)]
 struct Header {
     cameras: usize,
-    /// Levels of detail that each has.
+    /// Number of levels of detail per camera.
     levels: usize,
 }
 
-/// The file of a set's samples in a folder; `None` if one of its views has no file any more.
+/// Returns the path of a set's sample file in a folder; `None` if a file of a view no longer
+/// exists.
 pub(crate) fn path(
     folder: &Path,
     views: &[View],
     grid: &SampleGrid,
     origin: DVec3,
 ) -> Option<PathBuf> {
-    Some(folder.join(cache::of_views(
+    Some(folder.join(cache::views_file_name(
         "samples",
         &format!("{grid:?} {origin:?}"),
         views,
     )?))
 }
 
-/// Writes the samples of cameras.
+/// Writes the samples of all cameras.
 pub(crate) fn write(path: &Path, cameras: &[RealCamera]) -> Result<(), FileError> {
-    let counts = |camera: &RealCamera| camera.samples.counts().to_vec();
-    let levels = cameras.first().map_or(0, |camera| counts(camera).len());
+    let samples = || cameras.iter().map(|camera| &*camera.samples);
     let mut writer = ContainerWriter::new(FileKind::SAMPLES);
     let header = Header {
         cameras: cameras.len(),
-        levels,
+        levels: samples().next().map_or(0, |samples| samples.counts().len()),
     };
     writer.section("info", move || Ok(serde_json::to_vec(&header)?));
     writer.section("cameras", || {
-        Ok(bytemuck::cast_slice(&cameras.iter().flat_map(numbers).collect::<Vec<f64>>()).to_vec())
+        Ok(to_bytes(cameras.iter().flat_map(camera_values)))
     });
-    writer.section("counts", || {
-        Ok(bytemuck::cast_slice(&cameras.iter().flat_map(counts).collect::<Vec<u32>>()).to_vec())
+    writer.section("counts", move || {
+        Ok(to_bytes(samples().flat_map(Samples::counts).copied()))
     });
-    let probes = |camera: &RealCamera| camera.samples.probes().axes.as_flattened().to_vec();
-    writer.section("probes", || {
-        Ok(bytemuck::cast_slice(&cameras.iter().flat_map(probes).collect::<Vec<f32>>()).to_vec())
+    writer.section("probes", move || {
+        let axes = samples().flat_map(|samples| samples.probes().axes.as_flattened());
+        Ok(to_bytes(axes.copied()))
     });
-    let checksums: Vec<u32> = cameras
-        .iter()
-        .map(|camera| camera.samples.checksum())
-        .collect();
     writer.section("checksums", move || {
-        Ok(bytemuck::cast_slice(&checksums).to_vec())
+        Ok(to_bytes(samples().map(Samples::checksum)))
     });
     for (axis, name) in AXES.into_iter().enumerate() {
         writer.section(name, move || {
@@ -84,7 +79,11 @@ pub(crate) fn write(path: &Path, cameras: &[RealCamera]) -> Result<(), FileError
     writer.write(path)
 }
 
-fn numbers(camera: &RealCamera) -> [f64; NUMBERS] {
+fn to_bytes<T: bytemuck::NoUninit>(values: impl Iterator<Item = T>) -> Vec<u8> {
+    bytemuck::cast_slice(&values.collect::<Vec<T>>()).to_vec()
+}
+
+fn camera_values(camera: &RealCamera) -> [f64; NUMBERS] {
     let RealCamera { pose, lens, .. } = camera;
     let (eye, turn) = (pose.eye.to_array(), pose.world_from_eye.to_cols_array());
     let all = eye
@@ -100,7 +99,7 @@ fn numbers(camera: &RealCamera) -> [f64; NUMBERS] {
     numbers
 }
 
-/// The cameras of a file of so many, their points mapped.
+/// Opens the file of `views` cameras, their points mapped.
 pub(crate) fn open(path: &Path, views: usize) -> Result<Vec<RealCamera>, FileError> {
     let file = Container::open(path, FileKind::SAMPLES)?;
     let mut info = file.section("info")?;
@@ -118,7 +117,7 @@ pub(crate) fn open(path: &Path, views: usize) -> Result<Vec<RealCamera>, FileErr
     let probes: Vec<[[f32; MAX_PROBES]; 3]> = file.section("probes")?.array(cameras)?;
     let checksums: Vec<u32> = file.section("checksums")?.array(cameras)?;
     let axes = file.mapped(AXES)?;
-    let held = axes.each_ref().map(|axis| axis.values::<f32>().len());
+    let available = axes.each_ref().map(|axis| axis.values::<f32>().len());
     let mut first = 0;
     let mut opened = Vec::with_capacity(cameras);
     for (((numbers, probes), counts), checksum) in all
@@ -127,12 +126,12 @@ pub(crate) fn open(path: &Path, views: usize) -> Result<Vec<RealCamera>, FileErr
         .zip(counts.chunks(levels))
         .zip(checksums)
     {
-        // The finest level has all.
+        // The finest level has all points.
         let count = counts.iter().copied().max().unwrap_or(0) as usize;
-        if held.iter().any(|held| first + count > *held) {
+        if available.iter().any(|points| first + count > *points) {
             return Err(info.damaged(
                 format!("{} points or more", first + count),
-                format!("{held:?}"),
+                format!("{available:?}"),
             ));
         }
         let samples = Samples::mapped(
@@ -143,12 +142,12 @@ pub(crate) fn open(path: &Path, views: usize) -> Result<Vec<RealCamera>, FileErr
             checksum,
         );
         first += count;
-        opened.push(camera(numbers, samples));
+        opened.push(camera_from_values(numbers, samples));
     }
     Ok(opened)
 }
 
-fn camera(numbers: &[f64; NUMBERS], samples: Samples) -> RealCamera {
+fn camera_from_values(numbers: &[f64; NUMBERS], samples: Samples) -> RealCamera {
     let [x, y, z, turn @ .., fx, fy, px, py] = *numbers;
     let turn: [f64; 9] = turn;
     RealCamera {
@@ -166,10 +165,11 @@ fn camera(numbers: &[f64; NUMBERS], samples: Samples) -> RealCamera {
     }
 }
 
-/// Verifies a camera's samples when its image is read: those in `file` are read and compared with
-/// their checksum, so that no frame waits for a disk or shows damaged data. Damaged ones are
-/// recomputed from the view, and the file is removed, to be rewritten the next time.
-pub(crate) fn check(
+/// Returns a callback that verifies a camera's samples when its image is loaded: it compares the
+/// points in `file` with their checksum, so that no frame waits for a disk or shows damaged data.
+/// Damaged samples are recomputed from the view, and the file is removed, to be rewritten the next
+/// time.
+pub(crate) fn verify_on_load(
     cameras: &[RealCamera],
     grid: SampleGrid,
     origin: DVec3,
@@ -181,10 +181,10 @@ pub(crate) fn check(
         .collect();
     move |camera, view| {
         let samples = samples.get(camera as usize);
-        let is_whole =
-            samples.is_none_or(|samples| samples.check(|| Samples::new(view, &grid, origin)));
-        if let Some(file) = file.as_ref().filter(|_| !is_whole) {
-            // What cannot be removed is found damaged again.
+        let is_intact =
+            samples.is_none_or(|samples| samples.verify(|| Samples::new(view, &grid, origin)));
+        if let Some(file) = file.as_ref().filter(|_| !is_intact) {
+            // A file that cannot be removed is found damaged again the next time.
             let _ = std::fs::remove_file(file);
         }
     }
@@ -379,7 +379,7 @@ mod tests {
         assert!(
             cameras
                 .iter()
-                .all(|camera| camera.samples.check(Samples::default))
+                .all(|camera| camera.samples.verify(Samples::default))
         );
         // The last byte of the second camera's last point, whichever axis is last in the file.
         let of_one = whole.len() - 1 - 4 * cameras[2].samples.of_level(0)[2].len();
@@ -392,15 +392,15 @@ mod tests {
         std::fs::write(&file, damaged).expect("written");
         let mended = open(&views, cache.path());
         assert!(
-            mended.notes().is_empty() && mended.mended().is_empty(),
+            mended.notes().is_empty() && mended.repaired().is_empty(),
             "points are not read yet"
         );
         let found = frame(&mended, &camera, &GeometrySettings::default());
         assert!(found.0 == expected.0 && found.1.samples == expected.1.samples);
         assert!(
-            matches!(&mended.mended()[..], [why] if why.contains("samples of b")),
+            matches!(&mended.repaired()[..], [why] if why.contains("samples of b")),
             "{:?}",
-            mended.mended()
+            mended.repaired()
         );
         assert!(!file.exists(), "it is made anew the next time");
         open(&views, cache.path());
@@ -427,7 +427,12 @@ mod tests {
             stats.cameras_used == 1 && stats.hole_pixels < 96 * 72 / 4,
             "{stats:?}"
         );
-        assert_eq!(geometry.lost().len(), 2, "{:?}", geometry.lost());
+        assert_eq!(
+            geometry.pictures.lost().len(),
+            2,
+            "{:?}",
+            geometry.pictures.lost()
+        );
         assert!(shown.color.iter().any(|color| color[0] > 0));
     }
 }

@@ -1,8 +1,9 @@
-//! Depth images as few points: a grid through a median filter (E4), sorted by level of detail (E5).
+//! Sparse points of depth images: a grid through a median filter (E4), sorted by level of detail
+//! (E5).
 //!
 //! Invariant: the samples of level of detail n, which are those of all levels n and above (C25),
-//! are the first of the list. So a coarse look at many cameras reads the beginning of each list and
-//! nothing else.
+//! are the first of the list. So drawing many cameras coarsely reads only the beginning of each
+//! list.
 
 use glam::{DVec3, Vec3};
 use headbox_core::container::MappedSection;
@@ -10,31 +11,31 @@ use headbox_images::LoadedView;
 use std::ops::Range;
 use std::sync::OnceLock;
 
-/// Samples that represent a depth image in frames.
+/// Point samples of a depth image.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Samples {
-    /// Metres from the origin that was given, coarsest level first, rows from top to bottom in
-    /// each.
+    /// Points relative to the sample origin, metres; coarsest level first, rows from top to bottom
+    /// within a level.
     points: PointStorage,
     /// Number of points of each level of detail, the finest first.
     counts: Vec<u32>,
     probes: Probes,
 }
 
-/// Storage of the points, an array for each axis.
+/// Storage of the points, one array per axis.
 #[derive(Clone, Debug)]
 enum PointStorage {
     Memory([Vec<f32>; 3]),
     Disk(Mapped),
 }
 
-/// Points in a file, together with those of other cameras.
+/// Mapped points of a camera in a file that also holds other cameras.
 #[derive(Clone, Debug)]
 struct Mapped {
     axes: [MappedSection; 3],
     points: Range<usize>,
     checksum: u32,
-    /// Once they were looked at: what takes their place if they are damaged.
+    /// Set once the points were verified: the replacement if they are damaged.
     checked: OnceLock<Option<Box<Samples>>>,
 }
 
@@ -44,11 +45,11 @@ impl Default for PointStorage {
     }
 }
 
-/// X, y and z of points.
+/// Coordinates x, y and z of points.
 pub(crate) type Points<'a> = [&'a [f32]; 3];
 
-/// At most [`MAX_PROBES`] samples spread over the whole image, an array for each axis, so that they
-/// are projected side by side; NaN where there is none.
+/// At most [`MAX_PROBES`] samples distributed over the image, one array per axis for SIMD
+/// projection; NaN where there is none.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Probes {
     pub(crate) axes: [[f32; MAX_PROBES]; 3],
@@ -73,10 +74,10 @@ impl Probes {
     }
 }
 
-/// Sampling of depth images.
+/// Sampling density of depth images.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SampleGrid {
-    /// Pixels between samples; at least 1.
+    /// Distance between samples, pixels; at least 1.
     pub spacing_px: u32,
     /// The coarsest level of detail; level n keeps one in 4^n samples.
     pub coarsest: u32,
@@ -92,18 +93,18 @@ impl Default for SampleGrid {
 }
 
 /// Columns and rows of the probes, by which a camera's view is compared with the frame's (E6: at
-/// most some 20).
+/// most about 20).
 const PROBES: [u32; 2] = [5, 4];
-/// The probes that a camera can have.
+/// Maximum number of probes of a camera.
 pub(crate) const MAX_PROBES: usize = (PROBES[0] * PROBES[1]) as usize;
 
 impl Samples {
-    /// Samples of a depth image as points relative to `origin`. Where less than a third of a window
-    /// is known, there is no sample: a rim of a hole is no surface.
+    /// Samples a depth image as points relative to `origin`. There is no sample where less than a
+    /// third of the filter window is known: the rim of a hole is not a surface.
     pub(crate) fn new(view: &LoadedView, grid: &SampleGrid, origin: DVec3) -> Self {
         let spacing = grid.spacing_px.max(1);
         let coarsest = grid.coarsest.min(16);
-        // From the first pixel to the last, so that what is sampled reaches to the picture's rims.
+        // From the first to the last pixel, so that the samples reach the image borders.
         let [columns, rows] = view
             .size_px
             .map(|side| side.saturating_sub(1).div_ceil(spacing) + 1);
@@ -117,8 +118,8 @@ impl Samples {
             let Some(depth) = median_depth(view, at, (spacing / 2).max(1), &mut window) else {
                 continue;
             };
-            // A depth is a multiple of the pixel's ray, whose third component is 1 for a pinhole:
-            // eye depth (C24).
+            // Depth scales the pixel's ray, whose third component is 1 for a pinhole: eye depth
+            // (C24).
             let ray = view
                 .lens
                 .ray(at.map(|at| f64::from(at) + 0.5), view.size_px);
@@ -134,30 +135,31 @@ impl Samples {
                     (cell, (2 * at * cells).abs_diff((2 * cell + 1) * of))
                 });
             let probe = &mut probes[(cell[1].0 * PROBES[0] + cell[0].0) as usize];
-            let off_middle = cell[0].1 + cell[1].1;
-            if probe.is_none_or(|(best, _)| off_middle < best) {
-                *probe = Some((off_middle, point));
+            let off_centre = cell[0].1 + cell[1].1;
+            if probe.is_none_or(|(best, _)| off_centre < best) {
+                *probe = Some((off_centre, point));
             }
         }
         let mut counts = vec![0; levels.len()];
         let mut points = [0; 3].map(|_| Vec::with_capacity(levels.iter().map(Vec::len).sum()));
-        for (level, of_level) in levels.iter().enumerate().rev() {
-            (0..3).for_each(|axis| points[axis].extend(of_level.iter().map(|point| point[axis])));
+        for (level, level_points) in levels.iter().enumerate().rev() {
+            (0..3)
+                .for_each(|axis| points[axis].extend(level_points.iter().map(|point| point[axis])));
             counts[level] = points[0].len() as u32;
         }
-        let mut spread = [[f32::NAN; MAX_PROBES]; 3];
+        let mut probe_axes = [[f32::NAN; MAX_PROBES]; 3];
         for (i, (_, point)) in probes.iter().flatten().enumerate() {
-            (0..3).for_each(|axis| spread[axis][i] = point[axis]);
+            (0..3).for_each(|axis| probe_axes[axis][i] = point[axis]);
         }
         Self {
             points: PointStorage::Memory(points),
             counts,
-            probes: Probes::new(spread),
+            probes: Probes::new(probe_axes),
         }
     }
 
-    /// Samples in a file: some of the points of three sections, and what [`Self::counts`],
-    /// [`Self::probes`] and [`Self::checksum`] were.
+    /// Samples in a file: a range of the points of three sections, and the stored results of
+    /// [`Self::counts`], [`Self::probes`] and [`Self::checksum`].
     pub(super) fn mapped(
         axes: &[MappedSection; 3],
         points: Range<usize>,
@@ -178,7 +180,7 @@ impl Samples {
         }
     }
 
-    /// Checksum of all points.
+    /// Computes the checksum of all points.
     pub(super) fn checksum(&self) -> u32 {
         let mut sum = crc32fast::Hasher::new();
         self.of_level(0)
@@ -187,19 +189,18 @@ impl Samples {
         sum.finalize()
     }
 
-    /// Reads the points of samples in a file and holds them against their checksum, if this is the
-    /// first time; if they are damaged, those of `anew` take their place. Returns whether they are
-    /// whole.
-    pub(crate) fn check(&self, anew: impl FnOnce() -> Self) -> bool {
+    /// Verifies mapped points against their checksum, once; damaged ones are replaced by
+    /// `recompute`. Returns true if the points are intact.
+    pub(crate) fn verify(&self, recompute: impl FnOnce() -> Self) -> bool {
         let PointStorage::Disk(mapped) = &self.points else {
             return true;
         };
-        let replaced = || (self.checksum() != mapped.checksum).then(|| Box::new(anew()));
+        let replaced = || (self.checksum() != mapped.checksum).then(|| Box::new(recompute()));
         mapped.checked.get_or_init(replaced).is_none()
     }
 
-    /// Replacement of damaged points.
-    pub(crate) fn mended(&self) -> Option<&Self> {
+    /// Returns the replacement of damaged points.
+    pub(crate) fn repaired(&self) -> Option<&Self> {
         let PointStorage::Disk(mapped) = &self.points else {
             return None;
         };
@@ -211,10 +212,11 @@ impl Samples {
         &self.counts
     }
 
-    /// The samples of a level of detail, 0 the finest; beyond the coarsest that one.
+    /// Returns the samples of a level of detail, 0 the finest; levels beyond the coarsest give the
+    /// coarsest.
     pub(crate) fn of_level(&self, level: u32) -> Points<'_> {
-        if let Some(mended) = self.mended() {
-            return mended.of_level(level);
+        if let Some(repaired) = self.repaired() {
+            return repaired.of_level(level);
         }
         let count = self
             .counts
@@ -231,24 +233,25 @@ impl Samples {
         all.map(|axis| axis.get(..count).unwrap_or_default())
     }
 
-    /// Points spread over the whole image.
+    /// Returns points distributed over the whole image.
     pub(crate) fn probes(&self) -> &Probes {
         &self.probes
     }
 
-    /// Bytes in memory, without what is mapped.
+    /// Bytes in memory, without mapped points.
     pub(crate) fn bytes(&self) -> usize {
         let points = match &self.points {
             PointStorage::Memory(axes) => {
                 axes.iter().map(|axis| size_of_val(axis.as_slice())).sum()
             }
-            PointStorage::Disk(_) => self.mended().map_or(0, Self::bytes),
+            PointStorage::Disk(_) => self.repaired().map_or(0, Self::bytes),
         };
         points + size_of::<Self>()
     }
 }
 
-/// The lower median of the known depths of a window about a pixel.
+/// Returns the lower median of the known depths in a window around a pixel; `None` if less than a
+/// third are known.
 fn median_depth(
     view: &LoadedView,
     [x, y]: [u32; 2],

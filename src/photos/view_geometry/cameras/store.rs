@@ -1,9 +1,9 @@
-//! The cameras' pictures within a budget of bytes (E10).
+//! LRU cache of the cameras' images, bounded in bytes (E10).
 //!
-//! Those used longest ago make room. Whoever can wait (a picture for a file) has missing ones
-//! decoded at once, side by side; whoever cannot (a window) takes the best ranked of those at hand,
-//! while a thread of its own decodes the missing ones, the best ranked first. A picture that cannot
-//! be read any more is remembered as lost: its camera is passed over, and why is said.
+//! A caller that can wait (a frame for a file) has missing images decoded at once, in parallel. A
+//! caller that cannot (a window) gets the best ranked images in memory, while a background thread
+//! decodes the missing ones, the best ranked first. An image that can no longer be read is recorded
+//! with the reason, and its camera is skipped.
 
 use super::picture::Picture;
 use headbox_core::lru::LruCache;
@@ -17,36 +17,36 @@ use std::time::Instant;
 /// Waiting behaviour of a frame for missing images.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum WaitPolicy {
-    /// Missing pictures are decoded first.
+    /// Decode missing images first.
     Wait,
-    /// The next best cameras serve until they are.
+    /// Use the next best cameras until missing images are decoded.
     Never,
 }
 
-/// Pictures of views.
+/// Image cache of a set's views.
 pub(crate) struct PictureStore {
     shared: Arc<StoreShared>,
-    /// To the thread that decodes, once somebody could not wait.
+    /// Wakes the decoding thread; set once a caller could not wait.
     worker: OnceLock<Sender<()>>,
 }
 
 struct StoreShared {
     views: Vec<View>,
     budget: usize,
-    when_read: OnceLock<WhenRead>,
+    on_load: OnceLock<OnLoad>,
     state: Mutex<StoreState>,
 }
 
-/// Callback on a camera's view once it is in memory.
-type WhenRead = Box<dyn Fn(u32, &LoadedView) + Send + Sync>;
+/// Callback with a camera's index and view, once the view is loaded.
+type OnLoad = Box<dyn Fn(u32, &LoadedView) + Send + Sync>;
 
 #[derive(Default)]
 struct StoreState {
-    /// Moments are fetches.
-    held: LruCache<u32, LoadedImage>,
-    /// Why pictures cannot be read.
+    /// Images in memory; a tick of the LRU order is a call of `fetch`.
+    images: LruCache<u32, LoadedImage>,
+    /// Reasons why images cannot be read.
     lost: BTreeMap<u32, String>,
-    /// Cameras that the thread has yet to decode.
+    /// Cameras that the thread is to decode, the best ranked last.
     queued: Vec<u32>,
 }
 
@@ -61,7 +61,7 @@ impl PictureStore {
         let shared = StoreShared {
             views,
             budget,
-            when_read: OnceLock::new(),
+            on_load: OnceLock::new(),
             state: Mutex::default(),
         };
         Self {
@@ -70,35 +70,35 @@ impl PictureStore {
         }
     }
 
-    /// From now on `look` is given each camera's view before its picture is at hand. It is told so
-    /// once.
-    pub(crate) fn when_read(&self, look: impl Fn(u32, &LoadedView) + Send + Sync + 'static) {
-        self.shared.when_read.get_or_init(|| Box::new(look));
+    /// Sets the callback that gets each camera's view before its image is available; only the first
+    /// call has an effect.
+    pub(crate) fn set_on_load(&self, on_load: impl Fn(u32, &LoadedView) + Send + Sync + 'static) {
+        self.shared.on_load.get_or_init(|| Box::new(on_load));
     }
 
-    /// Keeps a picture that is at hand anyhow, if there is room.
+    /// Stores an image that was loaded for another purpose, if there is room.
     pub(crate) fn offer(&self, camera: u32, picture: impl FnOnce() -> Picture) {
         if self.bytes() >= self.shared.budget {
             return;
         }
         let picture = picture();
         let mut state = self.shared.lock();
-        if state.held.bytes() as usize + picture.bytes() <= self.shared.budget {
-            state.hold(camera, picture);
+        if state.images.bytes() as usize + picture.bytes() <= self.shared.budget {
+            state.insert(camera, picture);
         }
     }
 
-    /// The pictures of the first `count` cameras that have one, in order of rank, and how many
-    /// better ones are still to come.
+    /// Returns the images of the first `count` cameras of a ranking that have one in memory, in
+    /// order of rank, and the number of better ranked ones that are still missing.
     pub(crate) fn fetch(
         &self,
         ranked: impl Iterator<Item = u32>,
         count: usize,
-        patience: WaitPolicy,
+        wait: WaitPolicy,
     ) -> (Vec<(u32, Arc<Picture>)>, usize) {
         let ranked: Vec<u32> = ranked.collect();
-        self.shared.lock().held.next_tick();
-        if patience == WaitPolicy::Wait {
+        self.shared.lock().images.next_tick();
+        if wait == WaitPolicy::Wait {
             self.decode_missing(&ranked, count);
         }
         let mut state = self.shared.lock();
@@ -108,43 +108,43 @@ impl PictureStore {
             if found.len() == count {
                 break;
             }
-            match state.held.get(camera) {
-                Some(at_hand) => found.push((camera, at_hand.picture)),
+            match state.images.get(camera) {
+                Some(loaded) => found.push((camera, loaded.picture)),
                 None if state.lost.contains_key(&camera) => {}
                 None => missing.push(camera),
             }
         }
-        let gone = state.held.evict_to(self.shared.budget as u64);
+        let evicted = state.images.evict_to(self.shared.budget as u64);
         missing.truncate(count);
-        let to_come = missing.len();
+        let missing_count = missing.len();
         missing.reverse();
-        // What was wanted before and is not any more need not be decoded.
+        // Replaces the queue: images that this frame does not need are no longer decoded.
         state.queued = missing;
         drop(state);
-        drop(gone);
-        if to_come > 0 {
+        drop(evicted);
+        if missing_count > 0 {
             let worker = self
                 .worker
                 .get_or_init(|| StoreShared::start(Arc::clone(&self.shared)));
-            // The thread ends with the store alone.
+            // The thread only ends when the store is dropped.
             let _ = worker.send(());
         }
-        (found, to_come)
+        (found, missing_count)
     }
 
-    /// Decodes until the first `count` readable cameras of a ranking are held.
+    /// Decodes images until the first `count` readable cameras of a ranking are in memory.
     fn decode_missing(&self, ranked: &[u32], count: usize) {
         loop {
             let missing: Vec<u32> = {
                 let mut state = self.shared.lock();
-                let StoreState { held, lost, .. } = &mut *state;
+                let StoreState { images, lost, .. } = &mut *state;
                 let readable = ranked
                     .iter()
                     .copied()
                     .filter(|camera| !lost.contains_key(camera))
                     .take(count);
                 readable
-                    .filter(|camera| held.get(*camera).is_none())
+                    .filter(|camera| images.get(*camera).is_none())
                     .collect()
             };
             if missing.is_empty() {
@@ -156,7 +156,7 @@ impl PictureStore {
         }
     }
 
-    /// The name of a view.
+    /// Returns the name of a view.
     pub(crate) fn name(&self, camera: u32) -> String {
         self.shared
             .views
@@ -164,22 +164,22 @@ impl PictureStore {
             .map_or_else(String::new, |view| view.name.clone())
     }
 
-    /// A picture, if it is at hand; to look at it is no use of it.
-    pub(crate) fn at_hand(&self, camera: u32) -> Option<Arc<Picture>> {
+    /// Returns an image that is in memory, without marking it as used.
+    pub(crate) fn peek(&self, camera: u32) -> Option<Arc<Picture>> {
         self.shared
             .lock()
-            .held
+            .images
             .peek(camera)
-            .map(|at_hand| Arc::clone(&at_hand.picture))
+            .map(|loaded| Arc::clone(&loaded.picture))
     }
 
     /// Time since an image was loaded, seconds.
     pub(crate) fn age_s(&self, camera: u32) -> Option<f32> {
         self.shared
             .lock()
-            .held
+            .images
             .peek(camera)
-            .map(|at_hand| at_hand.since.elapsed().as_secs_f32())
+            .map(|loaded| loaded.since.elapsed().as_secs_f32())
     }
 
     /// Images that can no longer be read: a sentence each.
@@ -187,26 +187,26 @@ impl PictureStore {
         self.shared.lock().lost.values().cloned().collect()
     }
 
-    /// Bytes of the pictures at hand.
+    /// Bytes of the images in memory.
     pub(crate) fn bytes(&self) -> usize {
-        self.shared.lock().held.bytes() as usize
+        self.shared.lock().images.bytes() as usize
     }
 }
 
 impl StoreShared {
     fn lock(&self) -> MutexGuard<'_, StoreState> {
-        // A panic elsewhere leaves the state whole: each change is one insertion or removal.
+        // A panic elsewhere leaves the state valid: each change is one insertion or removal.
         self.state
             .lock()
             .unwrap_or_else(std::sync::PoisonError::into_inner)
     }
 
-    /// Reads a camera's picture, and lets go of what it takes the room of.
+    /// Loads a camera's image and evicts the least recently used ones.
     fn decode(&self, camera: u32) {
         let picture = match self.views.get(camera as usize).map(View::load) {
             Some(Ok(view)) => {
-                if let Some(look) = self.when_read.get() {
-                    look(camera, &view);
+                if let Some(on_load) = self.on_load.get() {
+                    on_load(camera, &view);
                 }
                 Ok(Picture::new(&view))
             }
@@ -215,17 +215,17 @@ impl StoreShared {
         };
         let mut state = self.lock();
         match picture {
-            Ok(picture) => state.hold(camera, picture),
+            Ok(picture) => state.insert(camera, picture),
             Err(why) => {
                 state.lost.insert(camera, why);
             }
         }
-        let gone = state.held.evict_to(self.budget as u64);
+        let evicted = state.images.evict_to(self.budget as u64);
         drop(state);
-        drop(gone);
+        drop(evicted);
     }
 
-    /// Starts the thread that decodes what is queued whenever it is told to look.
+    /// Starts the thread that decodes the queue whenever it is notified.
     fn start(shared: Arc<Self>) -> Sender<()> {
         let (sender, receiver): (Sender<()>, Receiver<()>) = channel();
         let work = move || {
@@ -235,7 +235,7 @@ impl StoreShared {
                 }
             }
         };
-        // Without a thread the pictures stay missing, and the next best cameras go on serving.
+        // Without a thread the images stay missing, and the next best cameras are used.
         let _ = std::thread::Builder::new()
             .name("pictures".into())
             .spawn(work);
@@ -244,9 +244,9 @@ impl StoreShared {
 }
 
 impl StoreState {
-    fn hold(&mut self, camera: u32, picture: Picture) {
+    fn insert(&mut self, camera: u32, picture: Picture) {
         let bytes = picture.bytes() as u64;
-        self.held.put(
+        self.images.put(
             camera,
             LoadedImage {
                 picture: Arc::new(picture),
@@ -258,7 +258,7 @@ impl StoreState {
 
     fn next_queued(&mut self) -> Option<u32> {
         while let Some(camera) = self.queued.pop() {
-            if self.held.peek(camera).is_none() && !self.lost.contains_key(&camera) {
+            if self.images.peek(camera).is_none() && !self.lost.contains_key(&camera) {
                 return Some(camera);
             }
         }
@@ -299,15 +299,15 @@ mod tests {
         assert_eq!(fetch(&[2, 0]), [2, 0]);
         assert_eq!(fetch(&[3, 4]), [3, 4]);
         assert_eq!(store.bytes(), 3 * one);
-        let held: Vec<u32> = store
+        let images: Vec<u32> = store
             .shared
             .lock()
-            .held
+            .images
             .iter()
             .map(|(camera, _)| camera)
             .collect();
         assert_eq!(
-            held,
+            images,
             [2, 3, 4],
             "1 was used before 0 and 2; of these the lower number went"
         );
@@ -319,9 +319,9 @@ mod tests {
         let views = views(3, folder.path());
         std::fs::remove_file(&views[1].color).expect("removed");
         let store = PictureStore::new(views, usize::MAX);
-        for patience in [WaitPolicy::Wait, WaitPolicy::Never] {
+        for wait in [WaitPolicy::Wait, WaitPolicy::Never] {
             assert_eq!(
-                cameras(&store.fetch([0, 1, 2].into_iter(), 2, patience)),
+                cameras(&store.fetch([0, 1, 2].into_iter(), 2, wait)),
                 [0, 2]
             );
         }

@@ -1,4 +1,4 @@
-//! Samples of an image at sixteen positions at a time: the same bits as one by one.
+//! Samples an image at sixteen positions at a time, bit-identical to single samples.
 
 use super::picture::{LEAST_DEPTH, MASKED, Picture};
 use fearless_simd::prelude::*;
@@ -7,7 +7,7 @@ use headbox_core::texels::{bilinear, gather_wide_quads};
 
 /// Sixteen samples of an image.
 pub(crate) struct TextureSamples<S: Simd> {
-    /// Linear, up to [`FULL`].
+    /// Linear light, 0 to 65,535.
     pub(crate) color: [f32x16<S>; 3],
     /// Inverse depth of the nearest texel, 1/m; 0 where unknown.
     pub(crate) inverse_depth: f32x16<S>,
@@ -16,7 +16,7 @@ pub(crate) struct TextureSamples<S: Simd> {
 }
 
 impl Picture {
-    /// Same as [`Self::level_for`], in lanes.
+    /// Same as [`Self::level_for`], for sixteen lanes.
     #[inline(always)]
     pub(crate) fn levels_for<S: Simd>(&self, texels: f32x16<S>) -> u32x16<S> {
         let (one, zero) = (
@@ -54,7 +54,7 @@ impl Picture {
         let [width, height] = level.size;
         let inside = x.simd_ge(0.0) & y.simd_ge(0.0) & x.simd_le(width) & y.simd_le(height);
         let known = inside.to_bitmask() & wanted;
-        // Beyond the middles of the outermost texels the colour goes on.
+        // The colour is constant beyond the centres of the outermost texels.
         let x = (inside.select(x, zero) - 0.5).max(0.0).min(width - 1.0);
         let y = (inside.select(y, zero) - 0.5).max(0.0).min(height - 1.0);
         let column = x.floor().min(level.last[0] as f32);
@@ -85,11 +85,11 @@ impl Picture {
         ];
         let mut known = known;
         if masked.to_bitmask() & known != 0 {
-            let (of_rest, rest) = unmasked_sixteen(simd, [a, b, c, d], shares);
+            let (unmasked_color, has_unmasked) = blend_unmasked_sixteen(simd, [a, b, c, d], shares);
             for channel in 0..3 {
-                color[channel] = masked.select(of_rest[channel], color[channel]);
+                color[channel] = masked.select(unmasked_color[channel], color[channel]);
             }
-            known &= rest;
+            known &= has_unmasked;
         }
         TextureSamples {
             color,
@@ -119,9 +119,9 @@ fn upper_halves<S: Simd>([a, b, c, d]: [u32x16<S>; 4]) -> [f32x16<S>; 4] {
     ]
 }
 
-/// Same as [`unmasked`], and a mask of lanes that have an unmasked texel.
+/// Same as `blend_unmasked`, and a mask of lanes that have an unmasked texel.
 #[inline(always)]
-fn unmasked_sixteen<S: Simd>(
+fn blend_unmasked_sixteen<S: Simd>(
     simd: S,
     texels: [[u32x16<S>; 2]; 4],
     [x, y]: [f32x16<S>; 2],
@@ -148,7 +148,8 @@ fn unmasked_sixteen<S: Simd>(
     (color, any.to_bitmask())
 }
 
-/// Converts numbers below 2^31: signed, it takes one instruction with AVX2 instead of five.
+/// Converts numbers below 2^31 as signed integers, which takes one instruction with AVX2 instead of
+/// five.
 #[inline(always)]
 fn float<S: Simd>(numbers: u32x16<S>) -> f32x16<S> {
     f32x16::float_from(numbers.bitcast::<i32x16<S>>())

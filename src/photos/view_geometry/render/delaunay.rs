@@ -1,41 +1,41 @@
-//! The Delaunay mesh of a frame's nodes (E8), anew for every frame.
+//! Delaunay triangulation of a frame's nodes (E8), from scratch in every frame.
 //!
-//! A general triangulation finds neighbours first, which is most of its work. Here they are known:
-//! each node lies in its own cell of a lattice. Four cells about a corner hold a quadrilateral
-//! whose sides cannot cross (its upper side lies in the upper two cells, its lower in the lower
-//! two, and so on), so that one of its diagonals lies inside, and all of them together are a
-//! triangulation. From there Lawson's flips lead to Delaunay's, few of them, because the nodes are
-//! close to their lattice. Cells without a sample take part with their middles; triangles at such
-//! nodes are left out. So points on a line, or all in one place, are no special case: they lack
-//! neighbours, and give no triangle.
+//! A general triangulation spends most of its time on finding neighbours. Here they are known: each
+//! node lies in its own cell of a lattice. The nodes of four cells around a lattice corner form a
+//! quadrilateral whose sides cannot cross (its upper side lies in the upper two cells, its lower in
+//! the lower two, and so on), so that one of its diagonals lies inside, and all of them together
+//! are a triangulation. From there few of Lawson's flips lead to Delaunay's, because the nodes are
+//! close to their lattice. Cells without a sample take part with a node at their centre; triangles
+//! at such nodes are not drawn. So points on a line, or all in one position, are no special case:
+//! they lack neighbours, and give no triangle.
 //!
-//! Positions are integers and all predicates exact: the flips end, and the mesh is the same
-//! everywhere, on any number of threads as well: strips are of a fixed height.
+//! Positions are integers and all predicates exact. So the flips terminate, and the mesh is the
+//! same on every machine and with any number of threads, as strips have a fixed height.
 
 use super::fuse::Grid;
 use rayon::prelude::*;
 
-/// No half-edge is opposite.
+/// Marks a half-edge without an opposite one.
 const NONE: u32 = u32::MAX;
 
-/// Rows of quadrilaterals that are triangulated by themselves, side by side with others.
+/// Rows of quadrilaterals in a strip; strips are triangulated independently, in parallel.
 const STRIP_ROWS: usize = 16;
 
-/// Triangles, each three half-edges.
+/// Triangle mesh of half-edges, three per triangle.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Mesh {
-    /// The node that each half-edge starts at; half-edge 3 t + k goes from corner k of triangle t
-    /// to the next.
+    /// Start node of each half-edge; half-edge 3 t + k goes from corner k of triangle t to the
+    /// next.
     pub(super) corners: Vec<u32>,
-    /// The half-edge on the other side, or [`NONE`].
+    /// The opposite half-edge of each, or [`NONE`].
     twins: Vec<u32>,
-    /// Flips of the last frame.
+    /// Number of edge flips in the last frame.
     pub(super) flips: u64,
 }
 
 impl Mesh {
-    /// Triangulates all nodes of a grid, valid or not: strips of it on all threads, then what their
-    /// seams still call for.
+    /// Triangulates all nodes of a grid, with and without a sample: first strips in parallel, then
+    /// the seams between them.
     pub(super) fn triangulate(&mut self, grid: &Grid) {
         let (across, down) = (
             grid.lattice.columns as usize - 1,
@@ -57,10 +57,13 @@ impl Mesh {
                 flips: 0,
             };
             let first_row = number * STRIP_ROWS;
-            part.lattice(first_row);
+            part.connect_lattice(first_row);
             part.legalise_all();
             let flips = part.flips;
-            (part.finish(first_row, (number * half_edges) as u32), flips)
+            (
+                part.into_seams(first_row, (number * half_edges) as u32),
+                flips,
+            )
         });
         let seams: Vec<(Seams, u64)> = strips.collect();
         let mut whole = MeshPart {
@@ -80,26 +83,26 @@ impl Mesh {
         self.flips = whole.flips + seams.iter().map(|(_, flips)| flips).sum::<u64>();
     }
 
-    /// The corners of all triangles, of nodes that hold a sample and of others.
+    /// Corners of all triangles, including those at nodes without a sample.
     pub(crate) fn triangles(&self) -> &[[u32; 3]] {
         self.corners.as_chunks().0
     }
 }
 
-/// The mesh of nodes at chosen positions, for the hard cases of numerical stability.
+/// Mesh of nodes at chosen positions, for tests of numerical stability.
 pub struct NodeMesh {
     /// Columns and rows of the nodes.
     pub size: [usize; 2],
-    /// Position of each node, row by row, in parts of a pixel.
+    /// Position of each node, row by row, subpixels.
     pub positions: Vec<[i64; 2]>,
     /// Nodes at the corners of each triangle.
     pub triangles: Vec<[u32; 3]>,
 }
 
 impl NodeMesh {
-    /// Triangulates the grid of a frame, nodes `spacing_px` apart. `offset` moves the node in a
-    /// column and row away from the middle of its cell, parts of a pixel, given the side of a cell;
-    /// a node stays in its cell.
+    /// Triangulates the grid of a frame with nodes `spacing_px` apart. `offset` displaces the node
+    /// of a column and row from the centre of its cell, subpixels, given the side of a cell; a node
+    /// stays in its cell.
     pub fn new(
         frame_px: [u32; 2],
         spacing_px: f32,
@@ -120,7 +123,7 @@ impl NodeMesh {
         Self {
             size,
             positions: (0..grid.x.len() as u32)
-                .map(|node| at(&grid, node))
+                .map(|node| position(&grid, node))
                 .collect(),
             triangles: mesh.triangles().to_vec(),
         }
@@ -133,23 +136,23 @@ struct Seams {
     lower: Vec<u32>,
 }
 
-/// Some triangles of a mesh, whose half-edges are numbered from 0.
+/// Some triangles of a mesh; their half-edges are numbered from 0.
 struct MeshPart<'a> {
     grid: &'a Grid,
     corners: &'a mut [u32],
     twins: &'a mut [u32],
-    /// Half-edges to look at.
+    /// Half-edges to check.
     stack: Vec<u32>,
     flips: u64,
 }
 
 impl MeshPart<'_> {
-    /// Two triangles for each quadrilateral of neighbouring nodes, from a row of these on.
-    fn lattice(&mut self, first_row: usize) {
+    /// Makes two triangles of each quadrilateral of adjacent nodes, from row `first_row` on.
+    fn connect_lattice(&mut self, first_row: usize) {
         let columns = self.grid.lattice.columns as usize;
         let across = columns - 1;
         self.twins.fill(NONE);
-        // On the left of the quadrilateral at hand: the half-edge of its right side.
+        // Half-edge of the right side of the quadrilateral to the left.
         let mut right_of_last = NONE;
         for quad in 0..self.corners.len() / 6 {
             let (column, row) = (quad % across, quad / across);
@@ -158,7 +161,7 @@ impl MeshPart<'_> {
             let first = 6 * quad as u32;
             // Half-edges of the sides; the upper one is the first, the lower one the fifth in
             // either case.
-            let (left, right, diagonal) = if down_left(self.grid, [a, b, c, d]) {
+            let (left, right, diagonal) = if splits_down_left(self.grid, [a, b, c, d]) {
                 self.corners[6 * quad..6 * quad + 6].copy_from_slice(&[a, b, c, b, d, c]);
                 (first + 2, first + 3, [first + 1, first + 5])
             } else {
@@ -178,7 +181,7 @@ impl MeshPart<'_> {
 
     fn legalise_all(&mut self) {
         for edge in 0..self.corners.len() as u32 {
-            // Once from each side is once too often.
+            // Each edge is checked from one side only.
             if edge < self.twins[edge as usize] && self.twins[edge as usize] != NONE {
                 self.stack.push(edge);
                 self.legalise();
@@ -186,18 +189,18 @@ impl MeshPart<'_> {
         }
     }
 
-    /// Flips edges until no fourth corner lies inside the circle through the other three.
+    /// Flips edges until no fourth corner lies inside the circumcircle of the other three.
     fn legalise(&mut self) {
         while let Some(edge) = self.stack.pop() {
             let twin = self.twins[edge as usize];
             if twin == NONE {
                 continue;
             }
-            let (next, previous) = around(edge);
-            let (twin_next, twin_previous) = around(twin);
+            let (next, previous) = neighbours(edge);
+            let (twin_next, twin_previous) = neighbours(twin);
             let [from, to, apex, other] =
                 [edge, next, previous, twin_previous].map(|e| self.corners[e as usize]);
-            if !in_circle([from, to, apex, other].map(|node| at(self.grid, node))) {
+            if !in_circle([from, to, apex, other].map(|node| position(self.grid, node))) {
                 continue;
             }
             self.flips += 1;
@@ -217,9 +220,9 @@ impl MeshPart<'_> {
         }
     }
 
-    /// Numbers the half-edges as those of the whole mesh, of which they begin at `base`. The sides
-    /// of a strip stay where no flip reaches them, but may have come to another of its triangles.
-    fn finish(self, first_row: usize, base: u32) -> Seams {
+    /// Renumbers the half-edges for the whole mesh, where they begin at `base`. No flip changes the
+    /// sides of a strip, but they may belong to another of its triangles now.
+    fn into_seams(self, first_row: usize, base: u32) -> Seams {
         let columns = self.grid.lattice.columns;
         let (upper_row, lower_row) = (
             first_row as u32,
@@ -237,7 +240,7 @@ impl MeshPart<'_> {
             }
             let (from, to) = (
                 self.corners[edge as usize],
-                self.corners[around(edge).0 as usize],
+                self.corners[neighbours(edge).0 as usize],
             );
             let left = (from.min(to) % columns) as usize;
             match (from / columns, to / columns) {
@@ -251,9 +254,9 @@ impl MeshPart<'_> {
     }
 }
 
-/// The next and the previous half-edge of a triangle.
+/// Returns the next and the previous half-edge of a triangle.
 #[inline]
-fn around(edge: u32) -> (u32, u32) {
+fn neighbours(edge: u32) -> (u32, u32) {
     match edge % 3 {
         0 => (edge + 1, edge + 2),
         1 => (edge + 1, edge - 1),
@@ -262,14 +265,14 @@ fn around(edge: u32) -> (u32, u32) {
 }
 
 #[inline]
-fn at(grid: &Grid, node: u32) -> [i64; 2] {
+fn position(grid: &Grid, node: u32) -> [i64; 2] {
     [
         i64::from(grid.x[node as usize]),
         i64::from(grid.y[node as usize]),
     ]
 }
 
-/// Twice the area of a triangle; positive if its corners go from right to down.
+/// Returns twice the signed area of a triangle; positive if its corners go from right to down.
 #[inline]
 pub(super) fn doubled_area([a, b, c]: [[i64; 2]; 3]) -> i64 {
     (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
@@ -278,8 +281,8 @@ pub(super) fn doubled_area([a, b, c]: [[i64; 2]; 3]) -> i64 {
 /// Returns true if the quadrilateral (a, b above; c, d below) is split from b down to c instead of
 /// from a to d.
 #[inline]
-fn down_left(grid: &Grid, nodes: [u32; 4]) -> bool {
-    let [a, b, c, d] = nodes.map(|node| at(grid, node));
+fn splits_down_left(grid: &Grid, nodes: [u32; 4]) -> bool {
+    let [a, b, c, d] = nodes.map(|node| position(grid, node));
     let inside =
         |one: [[i64; 2]; 3], other: [[i64; 2]; 3]| doubled_area(one) > 0 && doubled_area(other) > 0;
     if !inside([a, b, d], [a, d, c]) {
@@ -288,9 +291,9 @@ fn down_left(grid: &Grid, nodes: [u32; 4]) -> bool {
     inside([a, b, c], [b, d, c]) && !in_circle([a, b, c, d])
 }
 
-/// Returns true if d lies inside the circle through a, b, c, which go from right to down. Exact:
-/// sides are below 2^23 subpixels, so that both factors of each product fit in 48 bits; between
-/// near nodes everything fits in 64.
+/// Returns true if d lies inside the circle through a, b, c, which go from right to down. The
+/// result is exact: sides are below 2^23 subpixels, so that both factors of each product fit in 48
+/// bits; for sides below `NEAR` everything fits in 64.
 #[inline]
 fn in_circle([a, b, c, d]: [[i64; 2]; 4]) -> bool {
     const NEAR: u64 = 1 << 14;
@@ -354,7 +357,7 @@ mod tests {
     fn valid(mesh: &Mesh, grid: &Grid) -> Vec<[u32; 3]> {
         mesh.triangles()
             .iter()
-            .filter(|corners| grid.holds(corners))
+            .filter(|corners| grid.has_samples(corners))
             .copied()
             .collect()
     }
@@ -411,7 +414,7 @@ mod tests {
             let grid = scattered(size, spacing, seed);
             let mut mesh = Mesh::default();
             mesh.triangulate(&grid);
-            let area = |corners: &[u32; 3]| doubled_area(corners.map(|node| at(&grid, node)));
+            let area = |corners: &[u32; 3]| doubled_area(corners.map(|node| position(&grid, node)));
             let triangles = valid(&mesh, &grid);
             assert!(triangles.iter().all(|corners| area(corners) > 0));
             // The area within the rim, once more by the shoelace formula.
@@ -427,7 +430,7 @@ mod tests {
             let cross = |a: [i64; 2], b: [i64; 2]| a[0] * b[1] - a[1] * b[0];
             let around = rim.iter().zip(rim.iter().cycle().skip(1));
             let expected: i64 = around
-                .map(|(a, b)| cross(at(&grid, *a), at(&grid, *b)))
+                .map(|(a, b)| cross(position(&grid, *a), position(&grid, *b)))
                 .sum();
             assert_eq!(triangles.iter().map(area).sum::<i64>(), expected);
             for edge in 0..mesh.corners.len() as u32 {
@@ -436,9 +439,9 @@ mod tests {
                     continue;
                 }
                 assert_eq!(mesh.twins[twin as usize], edge);
-                let (next, previous) = super::around(edge);
-                let corner = |e: u32| at(&grid, mesh.corners[e as usize]);
-                let other = corner(super::around(twin).1);
+                let (next, previous) = neighbours(edge);
+                let corner = |e: u32| position(&grid, mesh.corners[e as usize]);
+                let other = corner(neighbours(twin).1);
                 assert!(!in_circle([
                     corner(edge),
                     corner(next),

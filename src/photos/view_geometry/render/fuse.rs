@@ -1,14 +1,14 @@
-//! Samples of several cameras in one grid of the frame (E7): in each node the sample nearest to the
-//! eye.
+//! Fusion of the samples of several cameras in a grid over the frame (E7): each node holds the
+//! sample nearest to the eye.
 //!
 //! Cameras come best first, and a later one takes a node only if it is nearer by a margin, so that
-//! noise does not hand nodes to cameras that serve the view worse (C27). Two things that the paper
-//! leaves to its triangles are done here, where neighbours are at hand: nodes through which the
-//! background shows between the samples of what is in front of it are emptied, and small holes are
-//! closed along rows and columns.
+//! noise does not assign nodes to lower ranked cameras (C27). Two things that the paper leaves to
+//! its triangles are done here, where neighbours are known: nodes where background shows between
+//! the samples of a foreground surface are emptied, and small holes are closed along rows and
+//! columns.
 //!
-//! Invariant: the position of a node lies in the cell of the lattice that it is the node of, valid
-//! or not. `delaunay` starts from it.
+//! Invariant: a node lies in its own cell of the lattice, with or without a sample. `delaunay`
+//! relies on it.
 
 use super::project::{Hit, Projection};
 use crate::view_geometry::cameras::lattice::Lattice;
@@ -17,27 +17,27 @@ use crate::view_geometry::{EdgeRule, GeometrySettings};
 use headbox_core::triangle_scan::SUBPIXELS;
 use rayon::prelude::*;
 
-/// The owner of a node that no sample fell on.
-pub(crate) const NOBODY: u16 = u16::MAX;
+/// Owner of a node without a sample.
+pub(crate) const NO_OWNER: u16 = u16::MAX;
 
-/// The frame's grid, row by row: the paper's 5-tuples, an array for each part. A point follows from
-/// its position and inverse depth.
+/// Grid of nodes over the frame, row by row: the paper's 5-tuples as one array per component. A
+/// node's point in space follows from its position and inverse depth.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Grid {
     pub(super) lattice: Lattice,
-    /// Positions in the frame, in parts of a pixel.
+    /// Positions in the frame, subpixels.
     pub(crate) x: Vec<i32>,
     pub(crate) y: Vec<i32>,
-    /// 1 / eye depth, 1/m; 0 where a node is not valid.
+    /// Inverse eye depth, 1/m; 0 for a node without a sample.
     pub(crate) inverse_depth: Vec<f32>,
-    /// Square of the distance from the eye, m^2; infinite where a node is not valid.
+    /// Squared distance from the eye, m^2; infinite for a node without a sample.
     distance_squared: Vec<f32>,
-    /// Rank of the camera that the sample is of, or [`NOBODY`].
+    /// Rank of the sample's camera, or [`NO_OWNER`].
     pub(crate) owner: Vec<u16>,
 }
 
 impl Grid {
-    /// Empties the grid, for a frame of this size.
+    /// Empties the grid and adapts it to a frame's size.
     pub(super) fn reset(&mut self, width: u32, height: u32, spacing_px: f32) {
         let lattice = Lattice::new(width, height, spacing_px);
         let [columns, rows] = [lattice.columns, lattice.rows].map(|count| count as usize);
@@ -46,9 +46,9 @@ impl Grid {
         self.y.clear();
         for row in 0..rows {
             self.x
-                .extend((0..columns).map(|column| lattice.middle(column, row)[0]));
+                .extend((0..columns).map(|column| lattice.cell_centre(column, row)[0]));
             self.y
-                .resize((row + 1) * columns, lattice.middle(0, row)[1]);
+                .resize((row + 1) * columns, lattice.cell_centre(0, row)[1]);
         }
         let count = columns * rows;
         self.inverse_depth.clear();
@@ -56,46 +56,53 @@ impl Grid {
         self.distance_squared.clear();
         self.distance_squared.resize(count, f32::INFINITY);
         self.owner.clear();
-        self.owner.resize(count, NOBODY);
+        self.owner.resize(count, NO_OWNER);
     }
 
-    /// Returns true if all corners of a triangle hold a sample.
+    /// Returns true if all corners of a triangle have a sample.
     #[inline]
-    pub(crate) fn holds(&self, corners: &[u32; 3]) -> bool {
+    pub(crate) fn has_samples(&self, corners: &[u32; 3]) -> bool {
         corners
             .iter()
-            .all(|&node| self.owner[node as usize] != NOBODY)
+            .all(|&node| self.owner[node as usize] != NO_OWNER)
     }
 
-    /// Nodes that hold a sample.
-    pub(super) fn valid(&self) -> usize {
-        self.owner.iter().filter(|owner| **owner != NOBODY).count()
+    /// Number of nodes with a sample.
+    pub(super) fn sample_count(&self) -> usize {
+        self.owner
+            .iter()
+            .filter(|owner| **owner != NO_OWNER)
+            .count()
     }
 
-    /// Adds what the frame sees of the camera of a rank; ranks come in ascending order.
+    /// Adds the projected samples of the camera with a rank; ranks come in ascending order.
     pub(super) fn add(&mut self, rank: u16, hits: &[Hit], margin: f32) {
         let keep = (1.0 - margin).max(0.0).powi(2);
         for hit in hits {
             let node = hit.node as usize;
-            let (Some(held), Some(owner)) = (
+            let (Some(nearest), Some(owner)) = (
                 self.distance_squared.get_mut(node),
                 self.owner.get_mut(node),
             ) else {
                 continue;
             };
-            let bound = if *owner == rank { *held } else { *held * keep };
+            let bound = if *owner == rank {
+                *nearest
+            } else {
+                *nearest * keep
+            };
             if hit.distance_squared < bound {
-                (*held, *owner) = (hit.distance_squared, rank);
+                (*nearest, *owner) = (hit.distance_squared, rank);
                 [self.x[node], self.y[node]] = hit.at;
                 self.inverse_depth[node] = hit.inverse_depth;
             }
         }
     }
 
-    /// Empties nodes behind most of their neighbours: where samples of a near surface lie farther
-    /// apart than nodes, what is behind it shows between them.
+    /// Empties nodes behind most of their neighbours: where samples of a near surface are farther
+    /// apart than nodes, background shows between them.
     pub(super) fn drop_leaks(&mut self, edge: &EdgeRule) {
-        /// Number of nearer neighbours, of eight, that make a node an outlier. A node on a straight
+        /// Number of nearer neighbours, of eight, that make a node an outlier. A node at a straight
         /// silhouette has three nearer ones, in a corner five.
         const NEARER: usize = 6;
         let (columns, spacing) = (
@@ -103,13 +110,13 @@ impl Grid {
             self.lattice.spacing as f32 / SUBPIXELS as f32,
         );
         let leaks: Vec<usize> = self
-            .inner()
+            .inner_nodes()
             .filter(|&node| {
                 let here = self.inverse_depth[node];
                 if here <= 0.0 {
                     return false;
                 }
-                let bound = here + edge.most(here, spacing);
+                let bound = here + edge.max_difference(here, spacing);
                 let around = [
                     node - columns - 1,
                     node - columns,
@@ -128,32 +135,35 @@ impl Grid {
             })
             .collect();
         for node in leaks {
-            self.owner[node] = NOBODY;
+            self.owner[node] = NO_OWNER;
             self.inverse_depth[node] = 0.0;
             self.distance_squared[node] = f32::INFINITY;
-            [self.x[node], self.y[node]] = self.lattice.middle(node % columns, node / columns);
+            [self.x[node], self.y[node]] = self.lattice.cell_centre(node % columns, node / columns);
         }
     }
 
-    /// Closes holes of at most `most` nodes between valid ones in the row or column, whichever is
-    /// the narrower: linearly in inverse depth, as a triangle over them would be; where the two
-    /// sides are different surfaces, the farther one goes on behind the other.
+    /// Closes holes of at most `most` nodes between samples in the same row or column, whichever
+    /// gap is narrower. Inverse depth is interpolated linearly, as by a triangle over the hole;
+    /// where the two sides are different surfaces, the farther one continues behind the other.
     pub(super) fn close_holes(&mut self, most: u32, edge: &EdgeRule) {
         let columns = self.lattice.columns as usize;
         let spacing = self.lattice.spacing as f32 / SUBPIXELS as f32;
         let most = most as usize;
-        let found = |mut node: usize, step: isize, limit: usize| {
+        let find_sample = |mut node: usize, step: isize, limit: usize| {
             (1..=most.min(limit)).find_map(|steps| {
                 node = node.wrapping_add_signed(step);
-                (self.owner[node] != NOBODY).then_some((steps, node))
+                (self.owner[node] != NO_OWNER).then_some((steps, node))
             })
         };
         let closed: Vec<(usize, f32, u16)> = (0..self.owner.len())
-            .filter(|&node| most > 0 && self.owner[node] == NOBODY)
+            .filter(|&node| most > 0 && self.owner[node] == NO_OWNER)
             .filter_map(|node| {
                 let (column, row) = (node % columns, node / columns);
                 let pair = |step: isize, before: usize, after: usize| {
-                    let (first, second) = (found(node, -step, before)?, found(node, step, after)?);
+                    let (first, second) = (
+                        find_sample(node, -step, before)?,
+                        find_sample(node, step, after)?,
+                    );
                     (first.0 + second.0 <= most + 1).then_some((first, second))
                 };
                 let along_row = pair(1, column, columns - 1 - column);
@@ -164,21 +174,15 @@ impl Grid {
                     .chain(along_column)
                     .min_by_key(|((a, _), (b, _))| a + b)?;
                 let [ia, ib] = [first, second].map(|node| self.inverse_depth[node]);
-                let near = ia.max(ib);
-                let value = match (ia - ib).abs() > edge.most(near, (a + b) as f32 * spacing) {
-                    true => ia.min(ib),
-                    false => (ia * b as f32 + ib * a as f32) / (a + b) as f32,
-                };
-                let takes_first = if value == ia.min(ib) {
-                    ia <= ib
+                let farther = ia.min(ib);
+                let value = if edge.is_edge(ia, ib, (a + b) as f32 * spacing) {
+                    farther
                 } else {
-                    a <= b
+                    (ia * b as f32 + ib * a as f32) / (a + b) as f32
                 };
-                Some((
-                    node,
-                    value,
-                    self.owner[if takes_first { first } else { second }],
-                ))
+                let takes_first = if value == farther { ia <= ib } else { a <= b };
+                let owner = self.owner[if takes_first { first } else { second }];
+                Some((node, value, owner))
             })
             .collect();
         for (node, inverse_depth, owner) in closed {
@@ -187,18 +191,18 @@ impl Grid {
         }
     }
 
-    /// Nodes with eight neighbours.
-    fn inner(&self) -> impl Iterator<Item = usize> {
+    /// Iterates over the nodes with eight neighbours.
+    fn inner_nodes(&self) -> impl Iterator<Item = usize> {
         let (columns, rows) = (self.lattice.columns as usize, self.lattice.rows as usize);
         (1..rows - 1)
             .flat_map(move |row| (1..columns - 1).map(move |column| row * columns + column))
     }
 }
 
-/// Cameras whose samples are projected side by side.
-const AT_ONCE: usize = 8;
+/// Number of cameras whose samples are projected in parallel.
+const PARALLEL_CAMERAS: usize = 8;
 
-/// Fuses the samples of cameras, best first. `hits` is room for what is projected.
+/// Fuses the samples of cameras, best first; `hits` are buffers for projected samples.
 pub(super) fn fuse(
     grid: &mut Grid,
     hits: &mut Vec<Vec<Hit>>,
@@ -209,8 +213,11 @@ pub(super) fn fuse(
 ) {
     let [width, height] = frame.size;
     grid.reset(width, height, settings.grid_px);
-    hits.resize_with(AT_ONCE, Vec::new);
-    for (cameras, first) in samples.chunks(AT_ONCE).zip((0..NOBODY).step_by(AT_ONCE)) {
+    hits.resize_with(PARALLEL_CAMERAS, Vec::new);
+    for (cameras, first) in samples
+        .chunks(PARALLEL_CAMERAS)
+        .zip((0..NO_OWNER).step_by(PARALLEL_CAMERAS))
+    {
         let lattice = &grid.lattice;
         cameras
             .par_iter()
@@ -221,8 +228,8 @@ pub(super) fn fuse(
         }
     }
     grid.drop_leaks(edge);
-    // Where samples lie farther apart than nodes: first the rows and columns that they lie in, then
-    // what lies between these.
+    // Where samples are farther apart than nodes, the first pass fills the rows and columns with
+    // samples, the second those between them.
     for _ in 0..2 {
         grid.close_holes(settings.close_nodes, edge);
     }
@@ -301,17 +308,17 @@ mod tests {
             };
             let distance = (point.as_dvec3() - frame.eye()).length();
             let node = &mut nearest[row as usize * grid.lattice.columns as usize + column as usize];
-            if node.is_none_or(|(held, _)| distance < held) {
+            if node.is_none_or(|(nearest, _)| distance < nearest) {
                 *node = Some((distance, at));
             }
         }
         let mut emptied = 0;
         for (node, expected) in nearest.iter().enumerate() {
             let Some((_, [x, y, depth])) = expected else {
-                assert_eq!(grid.owner[node], NOBODY);
+                assert_eq!(grid.owner[node], NO_OWNER);
                 continue;
             };
-            if grid.owner[node] == NOBODY {
+            if grid.owner[node] == NO_OWNER {
                 emptied += 1; // a leak
                 continue;
             }
@@ -324,9 +331,9 @@ mod tests {
             assert!((f64::from(grid.inverse_depth[node]) * depth - 1.0).abs() < 1e-5);
         }
         assert!(
-            grid.valid() > 150 && emptied < 20,
+            grid.sample_count() > 150 && emptied < 20,
             "{} {emptied}",
-            grid.valid()
+            grid.sample_count()
         );
     }
 
@@ -336,7 +343,7 @@ mod tests {
         let at = |depth: f32| vec![Vec3::new(0.01, 0.01, -depth)];
         let owner = |cameras: &[Vec<Vec3>], margin| {
             let grid = fused(cameras, &frame, &settings(margin));
-            grid.owner.iter().copied().find(|owner| *owner != NOBODY)
+            grid.owner.iter().copied().find(|owner| *owner != NO_OWNER)
         };
         assert_eq!(
             owner(&[at(2.0), at(1.99)], 0.0),
@@ -374,7 +381,7 @@ mod tests {
             };
             let grid = fused(&[points], &frame, &settings);
             let columns = grid.lattice.columns as usize;
-            let open = |node: &usize| grid.owner[*node] == NOBODY;
+            let open = |node: &usize| grid.owner[*node] == NO_OWNER;
             // Between the first sample, in the node that is one from the rim, and the last in the
             // frame.
             let (last_column, last_row) = (1 + 80 / apart * apart / 4, 1 + 60 / apart * apart / 4);
@@ -431,7 +438,7 @@ mod tests {
             grid.owner[node] = if value > 0.0 {
                 (node % values.len()) as u16
             } else {
-                NOBODY
+                NO_OWNER
             };
         }
         grid
@@ -472,7 +479,7 @@ mod tests {
         let middle = 5 * grid.lattice.columns as usize + 6;
         grid.inverse_depth[middle] = 1.0;
         grid.drop_leaks(&edge);
-        assert_eq!(grid.owner[middle], NOBODY);
-        assert_eq!(grid.valid() + 1, before.valid());
+        assert_eq!(grid.owner[middle], NO_OWNER);
+        assert_eq!(grid.sample_count() + 1, before.sample_count());
     }
 }

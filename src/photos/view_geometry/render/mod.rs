@@ -1,6 +1,7 @@
-//! A frame of view-dependent geometry, in the order of work: `rank` (which cameras), `project` and
-//! `fuse` (their samples in the frame's grid), `delaunay` (the mesh), `owners` (the camera of each
-//! node), `scan` (triangles to pixels), `texture` (colours of pixels). `renderer` runs these steps.
+//! Steps of a frame of view-dependent geometry, in the order of work: `rank` (the cameras),
+//! `project` and `fuse` (their samples in the frame's grid), `delaunay` (the mesh), `owners` (the
+//! camera of each node), `scan` (triangles to pixels), `texture` (colours of pixels). `renderer`
+//! runs them.
 
 pub(crate) mod delaunay;
 pub(crate) mod fuse;

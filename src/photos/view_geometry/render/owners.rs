@@ -1,49 +1,35 @@
-//! Whose the nodes of a frame's grid are (E9): of the best ranked camera that sees them.
+//! Assignment of the grid's nodes to cameras (E9): each to the best ranked camera that sees it.
 //!
-//! A sample's own camera is as good as any where samples are dense; but a camera's samples fall on
-//! part of the nodes alone, those of the next on others, so that most triangles would be textured
-//! by several cameras although the best sees all of them. The paper has the best camera supply most
-//! (C27): here it does, wherever its own depth agrees.
+//! Where samples are dense, a sample's own camera is a good owner. But a camera's samples reach
+//! only part of the nodes, and those of the next camera others, so that most triangles would be
+//! textured by several cameras although the best one sees all of them. In the paper the best camera
+//! supplies most of the texture (C27); here it does so wherever its own depth agrees.
 
-use super::fuse::{Grid, NOBODY};
+use super::fuse::{Grid, NO_OWNER};
 use super::texture_camera::TextureCamera;
 use headbox_core::triangle_scan::SUBPIXELS;
 use rayon::prelude::*;
 
-/// Nodes that a thread takes at a time.
+/// Minimum number of nodes per parallel task.
 const NODES: usize = 1024;
 
-/// Gives each node that holds a sample to the best ranked camera that sees it; of those worse than
-/// the sample's own none is asked.
-pub(super) fn settle(grid: &mut Grid, cameras: &[TextureCamera]) {
-    let Grid {
-        x,
-        y,
-        inverse_depth,
-        owner,
-        ..
-    } = grid;
-    let places = x
-        .par_chunks(NODES)
-        .zip(y.par_chunks(NODES))
-        .zip(inverse_depth.par_chunks(NODES));
-    owner
-        .par_chunks_mut(NODES)
-        .zip(places)
-        .for_each(|(owners, ((x, y), inverse_depth))| {
-            let places = x.iter().zip(y).zip(inverse_depth);
-            for (owner, ((&x, &y), &inverse_depth)) in owners.iter_mut().zip(places) {
-                if *owner == NOBODY {
-                    continue;
-                }
-                let at = [x, y].map(|part| part as f32 / SUBPIXELS as f32);
-                let better = cameras
-                    .iter()
-                    .zip(0..*owner)
-                    .find(|(camera, _)| camera.agrees(at, inverse_depth));
-                if let Some((_, rank)) = better {
-                    *owner = rank;
-                }
+/// Assigns each node with a sample to the best ranked camera that sees it. Only cameras better than
+/// the sample's own are tested.
+pub(super) fn assign(grid: &mut Grid, cameras: &[TextureCamera]) {
+    let positions = grid.x.par_iter().zip(&grid.y);
+    let nodes = grid.owner.par_iter_mut().zip(positions);
+    nodes
+        .zip(&grid.inverse_depth)
+        .with_min_len(NODES)
+        .filter(|((owner, _), _)| **owner != NO_OWNER)
+        .for_each(|((owner, (&x, &y)), &inverse_depth)| {
+            let at = [x, y].map(|subpixels| subpixels as f32 / SUBPIXELS as f32);
+            let better = cameras
+                .iter()
+                .zip(0..*owner)
+                .find(|(camera, _)| camera.agrees(at, inverse_depth));
+            if let Some((_, rank)) = better {
+                *owner = rank;
             }
         });
 }

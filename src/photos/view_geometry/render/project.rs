@@ -1,4 +1,4 @@
-//! Samples of a camera as a frame sees them (E7, its first step), sixteen at a time.
+//! Projection of a camera's samples into a frame (the first step of E7), sixteen at a time.
 
 use crate::view_geometry::cameras::lattice::Lattice;
 use crate::view_geometry::cameras::samples::Points;
@@ -8,32 +8,32 @@ use glam::{DVec3, Vec3};
 use headbox_core::camera::Camera;
 use headbox_core::triangle_scan::SUBPIXELS;
 
-/// Nothing nearer than this is drawn, metres.
+/// Near plane, metres.
 const NEAR_M: f32 = 1e-3;
 
 const LANES: usize = 16;
 
-/// A sample that falls into a frame's lattice.
+/// Projected sample inside a frame's lattice.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Hit {
-    /// The node in whose cell it lies.
+    /// Node whose cell contains the sample.
     pub(super) node: u32,
-    /// Position in the frame, in parts of a pixel, within that cell.
+    /// Position in the frame, subpixels, within that cell.
     pub(super) at: [i32; 2],
-    /// 1 / eye depth, 1/m.
+    /// Inverse eye depth, 1/m.
     pub(super) inverse_depth: f32,
-    /// Square of the distance from the eye, m^2.
+    /// Squared distance from the eye, m^2.
     pub(super) distance_squared: f32,
 }
 
-/// A frame's camera as samples are projected by it.
+/// Projection of samples into a frame's camera.
 pub(super) struct Projection {
     level: Level,
     /// Size of the frame, pixels.
     pub(super) size: [u32; 2],
-    /// Relative to the samples' origin, metres.
+    /// Eye relative to the samples' origin, metres.
     eye: Vec3,
-    /// Right and down in pixels at eye depth 1, and ahead.
+    /// Right and down axes in pixels at eye depth 1, and the forward axis.
     axes: [Vec3; 3],
     principal: [f32; 2],
 }
@@ -51,7 +51,8 @@ impl Projection {
         }
     }
 
-    /// Replaces `to` by what falls into a lattice, in the samples' order.
+    /// Replaces the content of `to` by the projected samples inside a lattice, in the samples'
+    /// order.
     pub(super) fn project(&self, points: Points, lattice: &Lattice, to: &mut Vec<Hit>) {
         to.clear();
         dispatch!(self.level, simd => self.project_all(simd, points, lattice, to));
@@ -64,7 +65,7 @@ impl Projection {
             self.project_sixteen(simd, [x, y, z], lattice, to);
         }
         if !last_x.is_empty() {
-            // Nowhere is in no frame.
+            // NaN is outside of every frame.
             let mut last = [[f32::NAN; LANES]; 3];
             for (padded, axis) in last.iter_mut().zip([last_x, last_y, last_z]) {
                 padded
@@ -90,15 +91,15 @@ impl Projection {
             f32x16::load_array_ref(simd, y) - self.eye.y,
             f32x16::load_array_ref(simd, z) - self.eye.z,
         ];
-        let depth = along(self.axes[2], d);
+        let depth = dot(self.axes[2], d);
         let inverse = 1.0 / depth;
-        let (x, column, in_columns) = place(
-            along(self.axes[0], d) * inverse + self.principal[0],
+        let (x, column, in_columns) = locate(
+            dot(self.axes[0], d) * inverse + self.principal[0],
             lattice,
             lattice.columns,
         );
-        let (y, row, in_rows) = place(
-            along(self.axes[1], d) * inverse + self.principal[1],
+        let (y, row, in_rows) = locate(
+            dot(self.axes[1], d) * inverse + self.principal[1],
             lattice,
             lattice.rows,
         );
@@ -123,11 +124,12 @@ impl Projection {
     }
 }
 
-/// Along an axis of a lattice of `count` nodes: positions of pixels in parts of a pixel, within the
-/// cells of their nodes; these; and which lanes lie in any.
+/// Converts positions along one axis from pixels to subpixels and nodes, for a lattice of `count`
+/// nodes along it. Returns subpixel positions clamped to their node's cell, nodes, and a mask of
+/// lanes inside the lattice.
 #[inline(always)]
-fn place<S: Simd>(px: f32x16<S>, lattice: &Lattice, count: u32) -> (i32x16<S>, u32x16<S>, u64) {
-    let node = px * lattice.per_spacing_px() + 1.5;
+fn locate<S: Simd>(px: f32x16<S>, lattice: &Lattice, count: u32) -> (i32x16<S>, u32x16<S>, u64) {
+    let node = px * lattice.nodes_per_px() + 1.5;
     let inside = node.simd_ge(0.0) & node.simd_lt(count as f32);
     let node = i32x16::truncate_from(inside.select(node, f32x16::splat(px.token(), 0.0)));
     let middle = (node - 1) * lattice.spacing;
@@ -140,9 +142,9 @@ fn place<S: Simd>(px: f32x16<S>, lattice: &Lattice, count: u32) -> (i32x16<S>, u
     (part, node.bitcast(), inside.to_bitmask())
 }
 
-/// The product, its sum in a fixed order.
+/// Dot product, summed in a fixed order.
 #[inline(always)]
-fn along<S: Simd>(axis: Vec3, d: [f32x16<S>; 3]) -> f32x16<S> {
+fn dot<S: Simd>(axis: Vec3, d: [f32x16<S>; 3]) -> f32x16<S> {
     (d[0] * axis.x + d[1] * axis.y) + d[2] * axis.z
 }
 

@@ -1,13 +1,15 @@
-//! Camera ranking (E6): near to the view's line of sight, similar direction, same visible surfaces.
+//! Camera ranking (E6) by distance to the view's line of sight, viewing direction, and visible
+//! surfaces.
 //!
 //! Each is a penalty from 0 to 1, and their weighted sum orders the cameras (C26: the paper's text
-//! lost the operators; visibility enters as what is *not* seen). Distances are over the largest of
-//! a valid camera, so that a long sequence does not flatten them.
+//! lost the operators; visibility enters as the share that is *not* seen). Distances are divided by
+//! the largest one of a valid camera, so that a long sequence does not flatten them.
 //!
-//! The paper rules out cameras that look more than the field of view away: seen from one place, two
-//! such pictures share nothing. Cameras around an object share it at any angle, and long lenses
-//! have fields of view narrower than the steps between them. So cameras may look as far away as one
-//! sees the same surfaces from, if that is more; that they see them their probes tell.
+//! The paper excludes cameras whose directions differ by more than the field of view: from one
+//! position, two such images share nothing. Cameras around an object share surfaces at any angle,
+//! and long lenses have fields of view narrower than the steps between them. So directions may
+//! differ by the field of view or by [`SAME_SURFACES_RAD`], whichever is larger; the probes then
+//! decide if surfaces are shared.
 
 use crate::view_geometry::RealCamera;
 use crate::view_geometry::cameras::samples::{MAX_PROBES, Probes};
@@ -38,9 +40,9 @@ impl Default for RankWeights {
 /// A valid camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Ranked {
-    /// Its index.
+    /// Index of the camera.
     pub camera: u32,
-    /// Its penalty: less is better.
+    /// Penalty; less is better.
     pub penalty: f64,
 }
 
@@ -49,9 +51,9 @@ pub(crate) struct Ranked {
 const SAME_SURFACES_RAD: f64 = std::f64::consts::FRAC_PI_3;
 
 /// Ranks the cameras that are valid for a frame, the best first; of equals the one with the lower
-/// index. A camera is not valid if it looks more than the frame's field of view, or
-/// [`SAME_SURFACES_RAD`], away from the frame's direction, if none of its probes falls into the
-/// frame, or if it is left out.
+/// index. A camera is invalid if its direction differs from the frame's by more than the frame's
+/// field of view and [`SAME_SURFACES_RAD`], if none of its probes falls into the frame, or if it is
+/// left out.
 pub(super) fn rank(
     cameras: &[RealCamera],
     frame: &Camera,
@@ -60,12 +62,12 @@ pub(super) fn rank(
     to: &mut Vec<Ranked>,
 ) {
     to.clear();
-    let view = Probing::new(frame, origin);
+    let view = ProbeTest::new(frame, origin);
     let (forward, widest) = (frame.forward(), view.widest_rad);
     let mut terms = Vec::with_capacity(cameras.len());
     for (camera, index) in cameras.iter().zip(0..) {
         let cosine = camera.forward().dot(forward).clamp(-1.0, 1.0);
-        if camera.left_out || cosine < view.least_cosine {
+        if camera.left_out || cosine < view.min_cosine {
             continue;
         }
         let probes = camera.samples.probes();
@@ -85,7 +87,7 @@ pub(super) fn rank(
         .iter()
         .map(|(_, distance, ..)| *distance)
         .fold(0.0, f64::max);
-    // All on the line of sight: 0 / 0 is 0.
+    // If all cameras are on the line of sight, their distance penalties are 0.
     let per = if farthest > 0.0 { 1.0 / farthest } else { 0.0 };
     to.extend(
         terms
@@ -104,19 +106,19 @@ pub(super) fn rank(
     });
 }
 
-/// Counts points that fall into a frame.
-struct Probing {
+/// Test of probes against a frame.
+struct ProbeTest {
     eye: Vec3,
-    /// Right, down and ahead, pixels over eye depth, from the frame's middle.
+    /// Right, down and forward axes, in pixels at eye depth 1.
     axes: [Vec3; 3],
-    /// From the principal point to the edges of the frame: left, right, up, down.
+    /// Edges of the frame relative to the principal point, pixels: left, right, top, bottom.
     edges: [f32; 4],
-    /// The largest angle between the directions of the frame and a valid camera, and its cosine.
+    /// Largest angle between the directions of the frame and a valid camera, and its cosine.
     widest_rad: f64,
-    least_cosine: f64,
+    min_cosine: f64,
 }
 
-impl Probing {
+impl ProbeTest {
     fn new(frame: &Camera, origin: DVec3) -> Self {
         let turn = frame.world_from_eye();
         let focal = frame.focal_px();
@@ -132,7 +134,7 @@ impl Probing {
             axes,
             edges: [-x, width - x, -y, height - y].map(|edge| edge as f32),
             widest_rad,
-            least_cosine: widest_rad.cos(),
+            min_cosine: widest_rad.cos(),
         }
     }
 
@@ -167,7 +169,7 @@ mod tests {
         let cameras: Vec<RealCamera> = eyes
             .iter()
             .map(|eye| {
-                RealCamera::of_loaded(
+                RealCamera::from_loaded(
                     &plane_view(*eye, 2.0, [64, 48]),
                     &SampleGrid::default(),
                     DVec3::ZERO,
@@ -222,7 +224,7 @@ mod tests {
         let cameras: Vec<RealCamera> = eyes
             .iter()
             .filter_map(|eye| {
-                RealCamera::of_loaded(
+                RealCamera::from_loaded(
                     &plane_view(*eye, 2.0, [64, 48]),
                     &SampleGrid::default(),
                     DVec3::ZERO,

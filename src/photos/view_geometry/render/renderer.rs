@@ -1,4 +1,5 @@
-//! Frames: the steps in order (E13), each over buffers that stay from frame to frame.
+//! Renderer: runs the steps of a frame in order (E13), with buffers that are reused from frame to
+//! frame.
 
 use super::delaunay::Mesh;
 use super::fuse::Grid;
@@ -27,33 +28,33 @@ pub struct GeometryStats {
     pub cameras_valid: u64,
     /// Cameras that were fused.
     pub cameras_used: u64,
-    /// Pictures of better ranked cameras that were not at hand and are being decoded.
+    /// Images of better ranked cameras that are not in memory yet.
     pub pictures_missing: u64,
     /// Samples that were projected.
     pub samples: u64,
-    /// Nodes that hold something.
+    /// Nodes with a sample.
     pub nodes: u64,
     /// Triangles that were drawn.
     pub triangles: u64,
-    /// Edges that were flipped on the way from the lattice to Delaunay's mesh.
+    /// Number of edge flips from the lattice to the Delaunay mesh.
     pub flips: u64,
-    /// Pixels of which nothing is known.
+    /// Hole pixels.
     pub hole_pixels: u64,
-    /// Wall time of the stages, ms.
+    /// Time of ranking, ms. All times are wall times.
     pub rank_ms: f64,
-    /// Waiting for pictures, if it was asked to.
+    /// Time of waiting for images, ms.
     pub fetch_ms: f64,
-    /// Projecting samples into the grid.
+    /// Time of projecting and fusing samples, ms.
     pub fuse_ms: f64,
-    /// Triangulating.
+    /// Time of triangulation, ms.
     pub mesh_ms: f64,
-    /// From triangles to pixels.
+    /// Time from triangles to pixels, ms.
     pub texture_ms: f64,
-    /// All of them.
+    /// Time of the whole frame, ms.
     pub frame_ms: f64,
 }
 
-/// Draws frames; owns its buffers.
+/// Renderer of view-dependent geometry, with its buffers.
 pub struct GeometryRenderer {
     pub(super) level: Level,
     pub(crate) ranked: Vec<Ranked>,
@@ -61,11 +62,10 @@ pub struct GeometryRenderer {
     pub(crate) grid: Grid,
     pub(crate) mesh: Mesh,
     pub(crate) bins: Bins,
-    /// Buffers of bands, reused by the next ones.
-    pub(super) described: Mutex<Vec<BandBuffers>>,
+    /// Spare buffers of bands.
+    pub(super) buffers: Mutex<Vec<BandBuffers>>,
     pub(crate) frame: Frame,
-    /// State of the last frame: its camera, its cameras by rank, and the rule by which neighbours
-    /// are separate surfaces.
+    /// State of the last frame: its camera, the cameras that it used, by rank, and its edge rule.
     pub(crate) camera: Option<Camera>,
     pub(crate) used: Vec<u32>,
     pub(crate) edge: EdgeRule,
@@ -78,12 +78,12 @@ impl Default for GeometryRenderer {
 }
 
 impl GeometryRenderer {
-    /// A renderer that has drawn nothing yet.
+    /// Creates a renderer for the best SIMD level of this machine.
     pub fn new() -> Self {
         Self::with(simd::level())
     }
 
-    /// One that uses a SIMD level. All give the same frame.
+    /// Creates a renderer for a SIMD level. All levels give the same frame.
     pub fn with(level: Level) -> Self {
         Self {
             level,
@@ -92,7 +92,7 @@ impl GeometryRenderer {
             grid: Grid::default(),
             mesh: Mesh::default(),
             bins: Bins::default(),
-            described: Mutex::default(),
+            buffers: Mutex::default(),
             frame: Frame::default(),
             camera: None,
             used: Vec::new(),
@@ -100,24 +100,24 @@ impl GeometryRenderer {
         }
     }
 
-    /// The last frame.
+    /// Returns the last frame.
     pub fn frame(&self) -> &Frame {
         &self.frame
     }
 
-    /// The cameras of the last frame, the best first.
+    /// Returns the cameras of the last frame, the best first.
     pub fn used(&self) -> &[u32] {
         &self.used
     }
 
-    /// Draws what `camera` sees, on the current rayon thread pool; the same bytes on any number of
-    /// threads, as long as the same pictures are at hand.
+    /// Renders a frame on the current rayon thread pool; the same bytes on any number of threads,
+    /// as long as the same images are in memory.
     pub fn render(
         &mut self,
         geometry: &ViewGeometry,
         camera: &Camera,
         settings: &GeometrySettings,
-        patience: WaitPolicy,
+        wait: WaitPolicy,
     ) -> (&Frame, GeometryStats) {
         let started = Instant::now();
         let mut last = started;
@@ -139,7 +139,7 @@ impl GeometryRenderer {
         let (pictures, missing) =
             geometry
                 .pictures
-                .fetch(by_rank, settings.cameras.clamp(1, MOST_CAMERAS), patience);
+                .fetch(by_rank, settings.cameras.clamp(1, MOST_CAMERAS), wait);
         (stats.cameras_used, stats.pictures_missing) = (pictures.len() as u64, missing as u64);
         stats.fetch_ms = lap();
         let edge = EdgeRule::new(camera.focal_px() as f32, geometry.depth_noise);
@@ -173,9 +173,9 @@ impl GeometryRenderer {
                 settings,
             );
             if settings.by_sight {
-                owners::settle(&mut self.grid, &cameras);
+                owners::assign(&mut self.grid, &cameras);
             }
-            stats.nodes = self.grid.valid() as u64;
+            stats.nodes = self.grid.sample_count() as u64;
             stats.fuse_ms = lap();
             self.mesh.triangulate(&self.grid);
             stats.triangles = self
@@ -208,7 +208,7 @@ impl GeometryRenderer {
             frame,
             ..
         } = self;
-        let described = &self.described;
+        let buffers = &self.buffers;
         let scanner = Scanner {
             grid,
             triangles: mesh.triangles(),
@@ -229,10 +229,10 @@ impl GeometryRenderer {
             .par_chunks_mut(pixels)
             .zip(coverage.par_chunks_mut(pixels))
             .zip(0..height.div_ceil(BAND_ROWS));
-        let spare = || described.lock().unwrap_or_else(PoisonError::into_inner);
+        let spare = || buffers.lock().unwrap_or_else(PoisonError::into_inner);
         bands.for_each(|((colors, coverage), number)| {
             let rows = number * BAND_ROWS..((number + 1) * BAND_ROWS).min(height);
-            let mut described = spare().pop().unwrap_or_default();
+            let mut buffers = spare().pop().unwrap_or_default();
             painter.paint(
                 &mut Band {
                     number,
@@ -241,9 +241,9 @@ impl GeometryRenderer {
                     colors,
                     coverage,
                 },
-                &mut described,
+                &mut buffers,
             );
-            spare().push(described);
+            spare().push(buffers);
         });
     }
 }

@@ -1,12 +1,12 @@
-//! From the mesh to what each pixel shows (E9): how near it is, and whose pictures may colour it by
-//! which weights.
+//! Rasterisation of the mesh (E9): for each pixel its triangle, inverse depth, and the weights of
+//! the cameras that may colour it.
 //!
-//! Triangles tile the frame: no two overlap, so there is no depth test, and with exact integer edge
-//! functions no crack. They come small (a few pixels each), so what they leave is laid out for
-//! `texture`, which colours [`LANES`] neighbours at a time whatever triangles they are of.
+//! Triangles tile the frame without overlap, so there is no depth test, and exact integer edge
+//! functions leave no cracks. Triangles are only a few pixels large, so the output is laid out for
+//! `texture`, which colours [`LANES`] adjacent pixels at a time, whatever their triangles.
 //!
-//! Where a triangle's corners belong to different surfaces, no skin spans them: each pixel belongs
-//! to the near or to the far one, as the picture of the near one's camera says.
+//! Where a triangle's corners belong to different surfaces, no surface spans them: each pixel
+//! belongs to the near or to the far one, as the image of the near one's camera decides.
 
 use super::fuse::Grid;
 use super::texture_camera::TextureCamera;
@@ -15,47 +15,47 @@ use headbox_core::triangle_scan::{EdgeFunction, SUBPIXELS, pixels_between};
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Neighbours in a row that are coloured together.
+/// Number of adjacent pixels of a row that are coloured together.
 pub(crate) const LANES: usize = 16;
 
-/// Rows of a band: what its pixels are described by stays in a core's cache.
+/// Rows of a band: few enough that its buffers stay in a core's cache.
 pub(crate) const BAND_ROWS: u32 = 16;
 
-/// Bits for the rank of an owner.
+/// Bits of an owner's rank.
 pub(crate) const OWNER_BITS: u32 = 10;
 
-/// Cameras that a frame can be made of.
+/// Maximum number of cameras of a frame.
 pub(crate) const MOST_CAMERAS: usize = (1 << OWNER_BITS) - 1;
 
-/// The owners of a pixel that no triangle covers.
+/// Owners of a pixel that no triangle covers.
 pub(crate) const UNCOVERED: u32 = u32::MAX;
 
-/// Neighbours in a row.
+/// Group of [`LANES`] adjacent pixels of a row.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Pixels {
-    /// 1/m.
+    /// Inverse depths, 1/m.
     pub(crate) inverse_depth: [f32; LANES],
     /// Ranks of the cameras of the triangle's corners, [`OWNER_BITS`] each, the first lowest; or
     /// [`UNCOVERED`].
     pub(crate) owners: [u32; LANES],
-    /// Weights of these where they are not all the same, in any unit; 0 for corners of the surface
-    /// that does not show.
+    /// Weights of the corners in any unit, if the owners differ; 0 for corners of the hidden
+    /// surface.
     pub(crate) weights: [[f32; LANES]; 3],
     /// Numbers of the triangles.
     pub(crate) triangles: [u32; LANES],
 }
 
-/// Rows of a frame, described.
+/// Rasterised rows of a band.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct BandBuffers {
-    /// Row by row, each filled up to whole [`LANES`].
+    /// Groups of pixels, row by row; each row is padded to whole groups.
     pub(crate) pixels: Vec<Pixels>,
-    /// Words per row.
+    /// Groups per row.
     pub(crate) per_row: usize,
 }
 
 impl BandBuffers {
-    /// Clears these rows.
+    /// Resizes the buffers and marks all pixels as uncovered.
     fn reset(&mut self, width: u32, rows: u32) {
         const NOTHING: Pixels = Pixels {
             inverse_depth: [0.0; LANES],
@@ -70,21 +70,22 @@ impl BandBuffers {
         self.pixels.resize(self.per_row * rows as usize, NOTHING);
     }
 
-    /// Assigns these rows to the best camera, infinitely far away.
-    pub(super) fn fill(&mut self, width: u32, rows: u32) {
+    /// Assigns all pixels to the best camera, infinitely far away.
+    pub(super) fn assign_all(&mut self, width: u32, rows: u32) {
         self.reset(width, rows);
         for pixels in &mut self.pixels {
-            (pixels.owners, pixels.inverse_depth) = ([0; LANES], [0.0; LANES]);
+            pixels.owners = [0; LANES];
+            pixels.inverse_depth = [0.0; LANES];
         }
     }
 }
 
-/// Triangles of each band.
+/// Triangles sorted by band.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Bins {
-    /// The first band of each triangle, and the one after its last.
+    /// First band of each triangle, and the one after its last.
     bands: Vec<[u16; 2]>,
-    /// Start of each band's triangle numbers, and their end.
+    /// Start of each band's triangles in `numbers`, and the end of all.
     starts: Vec<u32>,
     numbers: Vec<u32>,
 }
@@ -95,14 +96,14 @@ impl Bins {
         self.starts.clear();
     }
 
-    /// Sorts triangles of which all corners hold a sample by bands of a frame of so many rows;
-    /// returns how many they are.
+    /// Sorts triangles with samples at all corners by bands of a frame of `height` rows; returns
+    /// the number of those inside the frame.
     pub(super) fn sort(&mut self, grid: &Grid, triangles: &[[u32; 3]], height: u32) -> u64 {
         const NOWHERE: [u16; 2] = [0; 2];
         let count = height.div_ceil(BAND_ROWS) as i32;
         let band_of = |y: i32| y.div_euclid(BAND_ROWS as i32 * SUBPIXELS);
         let bands = |corners: &[u32; 3]| {
-            if !grid.holds(corners) {
+            if !grid.has_samples(corners) {
                 return NOWHERE;
             }
             let [a, b, c] = corners.map(|node| grid.y[node as usize]);
@@ -120,7 +121,8 @@ impl Bins {
         self.starts.clear();
         self.starts.resize(count as usize + 2, 0);
         let mut shown = 0;
-        // One place further on, so that filling moves each start to where it belongs.
+        // Counts are stored one place further on, so that filling moves each start to its final
+        // place.
         for &[first, end] in &self.bands {
             shown += u64::from(first < end);
             (first..end).for_each(|band| self.starts[usize::from(band) + 2] += 1);
@@ -141,8 +143,8 @@ impl Bins {
         shown
     }
 
-    /// Numbers of the triangles of a band, in ascending order.
-    fn of(&self, band: u32) -> &[u32] {
+    /// Returns the numbers of a band's triangles, in ascending order.
+    fn triangles(&self, band: u32) -> &[u32] {
         let bounds = self
             .starts
             .get(band as usize..)
@@ -153,52 +155,52 @@ impl Bins {
     }
 }
 
-/// A frame's mesh.
+/// Rasteriser of a frame's mesh.
 pub(crate) struct Scanner<'a> {
     pub(crate) grid: &'a Grid,
     pub(crate) triangles: &'a [[u32; 3]],
     pub(crate) bins: &'a Bins,
-    /// By rank.
+    /// Cameras by rank.
     pub(crate) cameras: &'a [TextureCamera],
     pub(crate) edge: &'a EdgeRule,
 }
 
-/// A place on a triangle.
-pub(super) struct Spot<'a> {
-    pub(super) triangle: &'a Triangle,
+/// Visible point of a triangle in a pixel.
+pub(super) struct SurfacePoint {
     /// Weights of the corners on the visible surface; 0 for those of the other surface.
     pub(super) weights: [f32; 3],
-    /// 1/m.
+    /// Inverse depth, 1/m.
     pub(super) inverse_depth: f32,
 }
 
-/// A triangle in the frame.
+/// Triangle set up for rasterisation.
 pub(super) struct Triangle {
-    /// Columns and rows that it may show in.
+    /// Columns and rows of its bounding box in the band.
     columns: Range<u32>,
     rows: Range<u32>,
-    /// Edge functions opposite each corner at the first of these pixels, for a column, for a row.
+    /// Edge function opposite each corner: value at the first of these pixels, step per column,
+    /// step per row.
     edges: [[i64; 3]; 3],
     /// Inverse depths of the corners over the sum of the edge functions, which is the same at all
     /// pixels.
     inverse_per_area: [f32; 3],
-    /// Corners: position, pixels; inverse depth, 1/m; rank of the camera.
+    /// Corners: position in the frame, pixels; inverse depth, 1/m; rank of the camera.
     pub(super) at: [[f32; 2]; 3],
     pub(super) inverse_depth: [f32; 3],
     pub(super) owners: [u16; 3],
-    /// Corners of the nearer of two surfaces, if there are two.
+    /// Mask of the corners on the nearer of two surfaces, if there are two.
     cut: Option<[bool; 3]>,
 }
 
 impl Triangle {
-    /// Weights of the corners on the surface by edge functions: weights in the frame times inverse
-    /// depths, so that they add up to the inverse depth there.
+    /// Perspective weights of the corners by edge functions: screen-space weights times inverse
+    /// depths, so that they add up to the inverse depth of the pixel.
     #[inline(always)]
-    fn weighed(&self, edges: [i64; 3]) -> [f32; 3] {
+    fn weights(&self, edges: [i64; 3]) -> [f32; 3] {
         [0, 1, 2].map(|k| edges[k] as f32 * self.inverse_per_area[k])
     }
 
-    /// Edge functions at the first pixel of a row.
+    /// Computes the edge functions at the first pixel of a row.
     #[inline]
     fn edges_in(&self, row: u32) -> [i64; 3] {
         let down = i64::from(row - self.rows.start);
@@ -207,10 +209,10 @@ impl Triangle {
 }
 
 impl Scanner<'_> {
-    /// Describes the rows of a band of a frame that is so wide.
-    pub(crate) fn describe(&self, band: u32, width: u32, rows: &Range<u32>, to: &mut BandBuffers) {
+    /// Rasterises the rows of a band of a frame of `width` columns.
+    pub(crate) fn rasterise(&self, band: u32, width: u32, rows: &Range<u32>, to: &mut BandBuffers) {
         to.reset(width, rows.len() as u32);
-        for &number in self.bins.of(band) {
+        for &number in self.bins.triangles(band) {
             let Some(triangle) = self.set_up(number, width, rows) else {
                 continue;
             };
@@ -218,14 +220,14 @@ impl Scanner<'_> {
             let owners =
                 u32::from(a) | u32::from(b) << OWNER_BITS | u32::from(c) << (2 * OWNER_BITS);
             let is_plain = triangle.cut.is_none() && a == b && b == c;
-            let per_column = sum(triangle.weighed(triangle.edges.map(|[_, column, _]| column)));
+            let per_column = sum(triangle.weights(triangle.edges.map(|[_, column, _]| column)));
             for y in triangle.rows.clone() {
                 let row = (y - rows.start) as usize * to.per_row;
                 let Some(pixels) = to.pixels.get_mut(row..row + to.per_row) else {
                     continue;
                 };
                 let mut edges = triangle.edges_in(y);
-                let first = sum(triangle.weighed(edges));
+                let first = sum(triangle.weights(edges));
                 let mut was_inside = false;
                 for (x, step) in triangle.columns.clone().zip(0u16..) {
                     if edges[0] | edges[1] | edges[2] >= 0 {
@@ -236,9 +238,9 @@ impl Scanner<'_> {
                         pixels.inverse_depth[lane] = if is_plain {
                             first + per_column * f32::from(step)
                         } else {
-                            let spot = self.spot(&triangle, edges, [x, y]);
-                            (0..3).for_each(|k| pixels.weights[k][lane] = spot.weights[k]);
-                            spot.inverse_depth
+                            let point = self.visible_point(&triangle, edges, [x, y]);
+                            (0..3).for_each(|k| pixels.weights[k][lane] = point.weights[k]);
+                            point.inverse_depth
                         };
                     } else if was_inside {
                         break;
@@ -251,18 +253,18 @@ impl Scanner<'_> {
         }
     }
 
-    /// The place that a pixel shows of the triangle that it was found to show.
-    pub(super) fn look_up<T>(
+    /// Recomputes the visible point of the triangle in a pixel.
+    pub(super) fn point_at(
         &self,
         number: u32,
         [x, y]: [u32; 2],
-        then: impl FnOnce(Spot) -> Option<T>,
-    ) -> Option<T> {
+    ) -> Option<(Triangle, SurfacePoint)> {
         let triangle = self.set_up(number, x + 1, &(y..y + 1))?;
         let across = i64::from(x - triangle.columns.start);
         let mut edges = triangle.edges_in(y);
         (0..3).for_each(|k| edges[k] += triangle.edges[k][1] * across);
-        then(self.spot(&triangle, edges, [x, y]))
+        let point = self.visible_point(&triangle, edges, [x, y]);
+        Some((triangle, point))
     }
 
     #[inline]
@@ -280,10 +282,11 @@ impl Scanner<'_> {
         let rows = range(1, rows)?;
         let columns = range(0, &(0..width))?;
         let inverse_depth = corners.map(|node| self.grid.inverse_depth[node]);
-        let cut = self.cut(at, inverse_depth);
+        let cut = self.nearer_corners(at, inverse_depth);
         let edge = |from: [i32; 2], to: [i32; 2]| {
             let edge = EdgeFunction::new(from, to, [columns.start, rows.start]);
-            // A centre on an edge belongs to the triangle whose upper or left edge it is.
+            // Top-left rule: a pixel centre on an edge belongs to the triangle of which it is a top
+            // or left edge.
             let is_upper_or_left =
                 edge.per_column > 0 || (edge.per_column == 0 && edge.per_row > 0);
             let [per_column, per_row] =
@@ -309,68 +312,72 @@ impl Scanner<'_> {
         })
     }
 
-    /// Returns which of three corners belong to the nearer of two surfaces; `None` if they are one
-    /// surface.
+    /// Returns a mask of the corners on the nearer of two surfaces; `None` if there is one surface.
     #[inline]
-    fn cut(&self, at: [[i32; 2]; 3], inverse: [f32; 3]) -> Option<[bool; 3]> {
+    fn nearer_corners(&self, at: [[i32; 2]; 3], inverse: [f32; 3]) -> Option<[bool; 3]> {
         let (near, far) = (
             inverse[0].max(inverse[1]).max(inverse[2]),
             inverse[0].min(inverse[1]).min(inverse[2]),
         );
-        if near - far <= self.edge.least() {
+        if near - far <= self.edge.noise_floor {
             return None;
         }
-        let parts = |i: usize, j: usize| {
+        let is_edge = |i: usize, j: usize| {
             let [dx, dy] = [0, 1].map(|axis| (at[i][axis] - at[j][axis]) as f32);
-            self.edge.parts(
+            self.edge.is_edge(
                 inverse[i],
                 inverse[j],
                 (dx * dx + dy * dy).sqrt() / SUBPIXELS as f32,
             )
         };
-        // Of three corners the one in the middle goes with the nearer of the others.
+        // The corner of middle depth joins the nearer of the other two.
         let middle = (near + far) * 0.5;
-        (parts(0, 1) || parts(1, 2) || parts(2, 0)).then(|| inverse.map(|depth| depth > middle))
+        (is_edge(0, 1) || is_edge(1, 2) || is_edge(2, 0))
+            .then(|| inverse.map(|depth| depth > middle))
     }
 
-    /// The place on a triangle that a pixel shows, by the edge functions there.
+    /// Finds the visible point of a triangle in a pixel from the edge functions there.
     #[inline]
-    fn spot<'t>(&self, triangle: &'t Triangle, edges: [i64; 3], pixel: [u32; 2]) -> Spot<'t> {
-        let weights = triangle.weighed(edges);
+    fn visible_point(&self, triangle: &Triangle, edges: [i64; 3], pixel: [u32; 2]) -> SurfacePoint {
+        let weights = triangle.weights(edges);
         match triangle.cut {
-            Some(near) => self.side(triangle, near, weights, pixel.map(|at| at as f32 + 0.5)),
-            None => Spot {
-                triangle,
+            Some(near) => {
+                self.visible_side(triangle, near, weights, pixel.map(|at| at as f32 + 0.5))
+            }
+            None => SurfacePoint {
                 weights,
                 inverse_depth: sum(weights),
             },
         }
     }
 
-    /// The place on the surface that shows in a pixel of a triangle across a depth edge.
-    fn side<'t>(
+    /// Finds the visible point of a triangle across a depth edge, by the depth that the near
+    /// surface's camera sees there.
+    fn visible_side(
         &self,
-        triangle: &'t Triangle,
+        triangle: &Triangle,
         is_near: [bool; 3],
         weights: [f32; 3],
         [x, y]: [f32; 2],
-    ) -> Spot<'t> {
-        let of_side = |near: bool| {
-            let in_frame = [0, 1, 2].map(|k| match is_near[k] == near {
-                true => (weights[k] / triangle.inverse_depth[k]).max(1e-6),
-                false => 0.0,
+    ) -> SurfacePoint {
+        let on_side = |near: bool| {
+            let in_frame = [0, 1, 2].map(|k| {
+                if is_near[k] == near {
+                    (weights[k] / triangle.inverse_depth[k]).max(1e-6)
+                } else {
+                    0.0
+                }
             });
             let weights = [0, 1, 2].map(|k| in_frame[k] * triangle.inverse_depth[k]);
             (
-                Spot {
-                    triangle,
+                SurfacePoint {
                     weights,
                     inverse_depth: sum(weights) / sum(in_frame),
                 },
                 sum(in_frame),
             )
         };
-        let ((near, near_share), (far, far_share)) = (of_side(true), of_side(false));
+        let ((near, near_share), (far, far_share)) = (on_side(true), on_side(false));
         let owner = (0..3)
             .filter(|k| is_near[*k])
             .map(|k| triangle.owners[k])

@@ -1,14 +1,16 @@
-//! From what pixels show to their colours (E9): of one camera, of the best ranked of a triangle's
-//! corners', of up to three blended, or the mean of all good ones.
+//! Colours of pixels (E9): from one camera, from the best ranked camera of a triangle's corners,
+//! from up to three blended, or the mean of all good ones.
 //!
-//! At a pixel, position and inverse depth give its place in any picture by one product with a
+//! A pixel's position and inverse depth give its position in any image by one product with a
 //! homography and one with an epipole (Shade's `start + q * depth`), which is perspective-correct
-//! by construction. [`LANES`] pixels of a row look into a camera's picture together.
+//! by construction. [`LANES`] pixels of a row are sampled in a camera's image together.
 //!
-//! The paper projects textures through whatever stands between. Here each texel knows its depth: a
-//! camera that shows something nearer does not see the pixel's point and has no say in it.
+//! The paper projects textures through occluders. Here each texel knows its depth: a camera whose
+//! image shows something nearer does not see the pixel's point and does not contribute to it.
 
-use super::scan::{BandBuffers, LANES, MOST_CAMERAS, OWNER_BITS, Pixels, Scanner, Spot, UNCOVERED};
+use super::scan::{
+    BandBuffers, LANES, MOST_CAMERAS, OWNER_BITS, Pixels, Scanner, SurfacePoint, UNCOVERED,
+};
 use super::texture_camera::TextureCamera;
 use crate::view_geometry::Texturing;
 use fearless_simd::prelude::*;
@@ -17,28 +19,29 @@ use headbox_core::frame::Coverage;
 use headbox_core::srgb_table::{SrgbTable, encode_srgb};
 use std::ops::Range;
 
-/// Linear light of texels, 16 bits.
+/// Factor from 16-bit linear light to the range 0 to 1.
 const PER_FULL: f32 = 1.0 / 65_535.0;
 
-/// Cameras whose mean a pixel shows: the fourth still takes more noise away than it blurs.
+/// Maximum number of cameras averaged in a pixel: the fourth still reduces noise more than it
+/// blurs.
 const MOST_AVERAGED: f32 = 4.0;
 
-/// The column of each lane.
+/// Column of each lane.
 const COLUMNS: [f32; LANES] = [
     0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0,
 ];
 
-/// Places of neighbouring pixels.
+/// Frame positions of adjacent pixels.
 #[derive(Clone, Copy)]
 struct TexturePositions<S: Simd> {
-    /// Pixels, of their centres.
+    /// Pixel centres, pixels.
     x: f32x16<S>,
     y: f32,
-    /// 1/m.
+    /// Inverse depths, 1/m.
     inverse_depth: f32x16<S>,
 }
 
-/// Weighted sums of colours of neighbouring pixels.
+/// Weighted sums of the colours of adjacent pixels.
 #[derive(Clone, Copy)]
 struct Sums<S: Simd> {
     color: [f32x16<S>; 3],
@@ -55,18 +58,18 @@ impl<S: Simd> Sums<S> {
         }
     }
 
-    /// Adds what a camera shows of the `wanted` lanes, where it sees them.
+    /// Adds the colours of a camera in the `wanted` lanes, where it sees their points.
     fn add(
         &mut self,
         simd: S,
         camera: &TextureCamera,
-        places: &TexturePositions<S>,
+        positions: &TexturePositions<S>,
         wanted: u64,
         weight: f32x16<S>,
     ) {
         simd.vectorize(
             #[inline(always)]
-            || self.add_at(simd, camera, places, wanted, weight),
+            || self.add_at(simd, camera, positions, wanted, weight),
         );
     }
 
@@ -75,7 +78,7 @@ impl<S: Simd> Sums<S> {
         &mut self,
         simd: S,
         camera: &TextureCamera,
-        places: &TexturePositions<S>,
+        positions: &TexturePositions<S>,
         wanted: u64,
         weight: f32x16<S>,
     ) {
@@ -83,13 +86,13 @@ impl<S: Simd> Sums<S> {
             x,
             y,
             inverse_depth,
-        } = places;
+        } = positions;
         let row = camera.start + camera.down * y;
         let [h, v, w] = [0, 1, 2].map(|axis| (row[axis], camera.right[axis], camera.shift[axis]));
         let (h, v, w) = (
-            along(h, x, inverse_depth),
-            along(v, x, inverse_depth),
-            along(w, x, inverse_depth),
+            homogeneous(h, x, inverse_depth),
+            homogeneous(v, x, inverse_depth),
+            homogeneous(w, x, inverse_depth),
         );
         let per = 1.0 / w;
         let (u, v, there) = (h * per, v * per, inverse_depth * per);
@@ -116,9 +119,9 @@ impl<S: Simd> Sums<S> {
     }
 }
 
-/// A homogeneous coordinate of places in a row.
+/// Computes one homogeneous image coordinate of positions in a row.
 #[inline(always)]
-fn along<S: Simd>(
+fn homogeneous<S: Simd>(
     (row, right, shift): (f32, f32, f32),
     x: f32x16<S>,
     inverse_depth: f32x16<S>,
@@ -126,14 +129,14 @@ fn along<S: Simd>(
     x * right + row + inverse_depth * shift
 }
 
-/// Context of colouring a frame.
+/// Context of colouring a frame's bands.
 pub(super) struct FramePainter<'a> {
     pub(super) level: Level,
     pub(super) scanner: Scanner<'a>,
     pub(super) texturing: Texturing,
 }
 
-/// Rows of a frame.
+/// Rows of a frame that are drawn together.
 pub(super) struct Band<'a> {
     pub(super) number: u32,
     pub(super) width: u32,
@@ -143,19 +146,19 @@ pub(super) struct Band<'a> {
 }
 
 impl FramePainter<'_> {
-    /// Colours what the mesh covers of a band.
-    pub(super) fn paint(&self, band: &mut Band, described: &mut BandBuffers) {
+    /// Colours the pixels of a band that the mesh covers.
+    pub(super) fn paint(&self, band: &mut Band, buffers: &mut BandBuffers) {
         match self.texturing {
-            Texturing::Nearest => described.fill(band.width, band.rows.len() as u32),
+            Texturing::Nearest => buffers.assign_all(band.width, band.rows.len() as u32),
             _ => self
                 .scanner
-                .describe(band.number, band.width, &band.rows, described),
+                .rasterise(band.number, band.width, &band.rows, buffers),
         }
-        dispatch!(self.level, simd => self.color(simd, band, described));
+        dispatch!(self.level, simd => self.color(simd, band, buffers));
     }
 
     #[inline(always)]
-    fn color<S: Simd>(&self, simd: S, band: &mut Band, described: &BandBuffers) {
+    fn color<S: Simd>(&self, simd: S, band: &mut Band, buffers: &BandBuffers) {
         let width = band.width as usize;
         let rows = band
             .colors
@@ -164,7 +167,7 @@ impl FramePainter<'_> {
         for ((colors, coverage), (y, pixels)) in rows.zip(
             band.rows
                 .clone()
-                .zip(described.pixels.chunks(described.per_row)),
+                .zip(buffers.pixels.chunks(buffers.per_row)),
         ) {
             let chunks = colors
                 .chunks_mut(LANES)
@@ -192,12 +195,12 @@ impl FramePainter<'_> {
         if covered == 0 {
             return;
         }
-        let places = TexturePositions {
+        let positions = TexturePositions {
             x: f32x16::load_array_ref(simd, &COLUMNS) + (x as f32 + 0.5),
             y: y as f32 + 0.5,
             inverse_depth: f32x16::load_array_ref(simd, &pixels.inverse_depth),
         };
-        let sums = self.sums(simd, pixels, &places, covered);
+        let sums = self.accumulate(simd, pixels, &positions, covered);
         let per = PER_FULL / sums.weight;
         let table = SrgbTable::get();
         let mut color = u32x16::splat(simd, 0xff00_0000);
@@ -212,14 +215,14 @@ impl FramePainter<'_> {
             coverage.fill(Coverage::FULL);
             return;
         }
-        let of_corners = !matches!(self.texturing, Texturing::Nearest | Texturing::Single);
+        let uses_corners = !matches!(self.texturing, Texturing::Nearest | Texturing::Single);
         let mut left = covered;
         while left != 0 {
             let lane = left.trailing_zeros();
             left &= left - 1;
             let found = match seen >> lane & 1 == 1 {
                 true => Some(color[lane as usize].to_le_bytes()),
-                false if of_corners => self.unseen(pixels, lane, [x + lane, y]),
+                false if uses_corners => self.corner_color(pixels, lane, [x + lane, y]),
                 false => None,
             };
             let (Some(found), Some(color), Some(coverage)) = (
@@ -233,13 +236,13 @@ impl FramePainter<'_> {
         }
     }
 
-    /// The sums of what the cameras show of the covered lanes.
+    /// Sums the colours of the cameras over the covered lanes.
     #[inline(always)]
-    fn sums<S: Simd>(
+    fn accumulate<S: Simd>(
         &self,
         simd: S,
         pixels: &Pixels,
-        places: &TexturePositions<S>,
+        positions: &TexturePositions<S>,
         covered: u64,
     ) -> Sums<S> {
         let mut sums = Sums::new(simd);
@@ -248,7 +251,7 @@ impl FramePainter<'_> {
         match self.texturing {
             Texturing::Nearest | Texturing::Single => {
                 if let Some(camera) = cameras.first() {
-                    sums.add(simd, camera, places, covered, one);
+                    sums.add(simd, camera, positions, covered, one);
                 }
             }
             Texturing::Averaged => {
@@ -257,23 +260,23 @@ impl FramePainter<'_> {
                     if wanted == 0 {
                         break;
                     }
-                    sums.add(simd, camera, places, wanted, one);
+                    sums.add(simd, camera, positions, wanted, one);
                 }
             }
             Texturing::Multi | Texturing::Blended => {
                 let owners = u32x16::load_array_ref(simd, &pixels.owners);
-                let mut ranks = Ranks::of(&pixels.owners);
+                let mut ranks = Ranks::from_owners(&pixels.owners);
                 while let Some(rank) = ranks.take_first() {
                     let Some(camera) = cameras.get(rank as usize) else {
                         continue;
                     };
-                    let weight = weight_of(simd, owners, rank, &pixels.weights);
+                    let weight = owner_weights(simd, owners, rank, &pixels.weights);
                     let mut wanted = weight.simd_gt(0.0).to_bitmask() & covered;
                     if self.texturing == Texturing::Multi {
                         wanted &= !sums.weight.simd_gt(0.0).to_bitmask();
                     }
                     if wanted != 0 {
-                        sums.add(simd, camera, places, wanted, weight);
+                        sums.add(simd, camera, positions, wanted, weight);
                     }
                 }
             }
@@ -281,36 +284,29 @@ impl FramePainter<'_> {
         sums
     }
 
-    /// The colours of the corners themselves, by weight: of a surface that its cameras do not see
-    /// here, as something hides it from them.
+    /// Blends the colours of the corners themselves: for a surface that is hidden from its cameras
+    /// at this pixel.
     #[cold]
-    fn unseen(&self, pixels: &Pixels, lane: u32, at: [u32; 2]) -> Option<[u8; 4]> {
-        self.scanner.look_up(
-            pixels.triangles[lane as usize % LANES],
-            at,
-            |Spot {
-                 triangle, weights, ..
-             }| {
-                let (mut sum, mut total) = ([0.0; 3], 0.0);
-                for k in (0..3).filter(|k| weights[*k] > 0.0) {
-                    let camera = self.scanner.cameras.get(triangle.owners[k] as usize);
-                    let looked = camera.and_then(|camera| {
-                        camera.color_at(triangle.at[k], triangle.inverse_depth[k])
-                    });
-                    let Some(color) = looked else { continue };
-                    (0..3).for_each(|c| sum[c] += color[c] * weights[k]);
-                    total += weights[k];
-                }
-                let [r, g, b] = sum.map(|c| encode_srgb(c * (PER_FULL / total)));
-                (total > 0.0).then_some([r, g, b, 255])
-            },
-        )
+    fn corner_color(&self, pixels: &Pixels, lane: u32, at: [u32; 2]) -> Option<[u8; 4]> {
+        let number = pixels.triangles[lane as usize % LANES];
+        let (triangle, SurfacePoint { weights, .. }) = self.scanner.point_at(number, at)?;
+        let (mut sum, mut total) = ([0.0; 3], 0.0);
+        for k in (0..3).filter(|k| weights[*k] > 0.0) {
+            let camera = self.scanner.cameras.get(triangle.owners[k] as usize);
+            let color = camera
+                .and_then(|camera| camera.color_at(triangle.at[k], triangle.inverse_depth[k]));
+            let Some(color) = color else { continue };
+            (0..3).for_each(|c| sum[c] += color[c] * weights[k]);
+            total += weights[k];
+        }
+        let [r, g, b] = sum.map(|c| encode_srgb(c * (PER_FULL / total)));
+        (total > 0.0).then_some([r, g, b, 255])
     }
 }
 
-/// Sum of the weights of the corners that a camera owns.
+/// Sums the weights of the corners that a camera owns.
 #[inline(always)]
-fn weight_of<S: Simd>(
+fn owner_weights<S: Simd>(
     simd: S,
     owners: u32x16<S>,
     rank: u32,
@@ -321,7 +317,7 @@ fn weight_of<S: Simd>(
     let mut is_all = mask32x16::splat(simd, true);
     for k in 0..3u32 {
         let is_owner = ((owners >> (k * OWNER_BITS)) & MOST_CAMERAS as u32).simd_eq(rank);
-        // Of neighbours' weights that lie outside by rounding some are negative.
+        // Weights of adjacent pixels outside of the triangle by rounding may be negative.
         sum += is_owner.select(
             f32x16::load_array_ref(simd, &weights[k as usize]).max(zero),
             zero,
@@ -331,16 +327,16 @@ fn weight_of<S: Simd>(
     is_all.select(f32x16::splat(simd, 1.0), sum)
 }
 
-/// Some cameras' ranks.
+/// Set of camera ranks.
 struct Ranks {
     words: [u64; MOST_CAMERAS.div_ceil(64)],
     first: usize,
 }
 
 impl Ranks {
-    /// The owners of pixels.
+    /// Collects the owners of pixels.
     #[inline(always)]
-    fn of(owners: &[u32; LANES]) -> Self {
+    fn from_owners(owners: &[u32; LANES]) -> Self {
         let mut words = [0; _];
         let mut last = UNCOVERED;
         for &owners in owners {
@@ -355,7 +351,7 @@ impl Ranks {
         Self { words, first: 0 }
     }
 
-    /// Takes the best of them.
+    /// Removes and returns the best rank.
     #[inline(always)]
     fn take_first(&mut self) -> Option<u32> {
         while let Some(word) = self.words.get_mut(self.first) {
