@@ -14,8 +14,9 @@ pub use eviction::{InUse, MOST_BYTES, evict_to};
 pub use refinement::refine_poses;
 pub use registration::register;
 
+use glam::{DMat3, DVec3};
 use headbox_core::container::FileError;
-use headbox_images::View;
+use headbox_images::{Pose, View};
 use std::hash::{DefaultHasher, Hasher};
 use std::io;
 use std::path::{Path, PathBuf};
@@ -73,6 +74,32 @@ pub fn views_file_name(ending: &str, how: &str, views: &[View]) -> Option<String
     Some(file_name(ending, |hash| {
         parts.iter().for_each(|part| hash.write(part.as_bytes()));
     }))
+}
+
+/// A [`Pose`] in a file.
+#[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(C)]
+pub(crate) struct PoseRecord {
+    eye: DVec3,
+    world_from_eye: DMat3,
+}
+
+impl From<Pose> for PoseRecord {
+    fn from(pose: Pose) -> Self {
+        Self {
+            eye: pose.eye,
+            world_from_eye: pose.world_from_eye,
+        }
+    }
+}
+
+impl From<PoseRecord> for Pose {
+    fn from(record: PoseRecord) -> Self {
+        Self {
+            eye: record.eye,
+            world_from_eye: record.world_from_eye,
+        }
+    }
 }
 
 /// Origin of a cacheable result.

@@ -1,7 +1,6 @@
 //! Cached refinement of the poses of a set's views.
 
-use super::{CacheOrigin, read_or_make, views_file_name};
-use glam::{DMat3, DVec3};
+use super::{CacheOrigin, PoseRecord, read_or_make, views_file_name};
 use headbox_core::container::{Container, ContainerWriter, FileError, FileKind};
 use headbox_images::{ImageSet, ImagesError, Pose, RefinementReport, RefinementStep};
 use serde::{Deserialize, Serialize};
@@ -9,9 +8,6 @@ use std::path::Path;
 
 /// Version of the refinement method; changes with it.
 const HOW: &str = "poses by points and planes, if colours agree better";
-
-/// Number of values that describe a pose.
-const NUMBERS: usize = 12;
 
 /// Header of a file.
 #[derive(Serialize, Deserialize)]
@@ -70,10 +66,10 @@ fn write(path: &Path, (report, poses): &CachedPoses) -> Result<(), FileError> {
         views: poses.len(),
         report: report.clone().map(Report),
     };
-    let numbers: Vec<f64> = poses.iter().flat_map(pose_values).collect();
+    let records: Vec<PoseRecord> = poses.iter().map(|pose| (*pose).into()).collect();
     let mut writer = ContainerWriter::new(FileKind::POSES);
     writer.section("info", move || Ok(serde_json::to_vec(&header)?));
-    writer.section("poses", || Ok(bytemuck::cast_slice(&numbers).to_vec()));
+    writer.section("poses", || Ok(bytemuck::cast_slice(&records).to_vec()));
     writer.write(path)
 }
 
@@ -85,31 +81,18 @@ fn open(path: &Path, views: usize) -> Result<CachedPoses, FileError> {
     if header.views != views {
         return Err(info.damaged(format!("{views} views"), header.views.to_string()));
     }
-    let numbers: Vec<[f64; NUMBERS]> = file.section("poses")?.array(views)?;
+    let records: Vec<PoseRecord> = file.section("poses")?.array(views)?;
     Ok((
         header.report.map(|Report(report)| report),
-        numbers.iter().map(pose_from_values).collect(),
+        records.into_iter().map(Pose::from).collect(),
     ))
-}
-
-fn pose_values(pose: &Pose) -> [f64; NUMBERS] {
-    let mut numbers = [0.0; NUMBERS];
-    numbers[..3].copy_from_slice(&pose.eye.to_array());
-    numbers[3..].copy_from_slice(&pose.world_from_eye.to_cols_array());
-    numbers
-}
-
-fn pose_from_values(&[x, y, z, ref turn @ ..]: &[f64; NUMBERS]) -> Pose {
-    Pose {
-        eye: DVec3::new(x, y, z),
-        world_from_eye: DMat3::from_cols_array(turn),
-    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     pub(crate) use crate::view_geometry::tests::{plane_view, saved, set_of};
+    use glam::DVec3;
 
     #[test]
     fn poses_cached_until_files_change() {

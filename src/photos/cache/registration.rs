@@ -1,10 +1,10 @@
 //! Cached registration of a set's views.
 
-use super::{CacheOrigin, read_or_make, views_file_name};
-use glam::{DMat3, DVec3};
+use super::{CacheOrigin, PoseRecord, read_or_make, views_file_name};
+use bytemuck::{Pod, Zeroable};
 use headbox_core::container::{Container, ContainerWriter, FileError, FileKind};
 use headbox_images::{
-    Distortion, ImageSet, ImagesError, Pinhole, Pose, Registration, RegistrationModel,
+    Distortion, ImageSet, ImagesError, Pinhole, Registration, RegistrationModel,
     RegistrationReport, RegistrationStep,
 };
 use serde::{Deserialize, Serialize};
@@ -13,11 +13,43 @@ use std::path::Path;
 /// Version of the registration method; changes with it.
 const HOW: &str = "registration by parts";
 
-/// Number of values of a view: registered or not, lens, pose, gains.
-const NUMBERS: usize = 1 + 4 + 8 + 12 + 3;
+/// Registration of a view in the file; zeros for an unregistered one.
+#[derive(Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+struct ViewRecord {
+    /// 1 for a registered view.
+    is_registered: f64,
+    focal_px: [f64; 2],
+    principal_px: [f64; 2],
+    radial: [f64; 6],
+    tangential: [f64; 2],
+    pose: PoseRecord,
+    gain: [f64; 3],
+}
+
+/// A [`RegistrationReport`] in the file.
+#[derive(Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+struct ReportRecord {
+    levels: [f64; 3],
+    /// Index of the applied model in [`MODELS`].
+    applied: f64,
+    focal_px: [f64; 2],
+    offset: [f64; 2],
+    gain: [f64; 2],
+    sampled_views: f64,
+    views: f64,
+}
 
 /// Number of values of a report.
-const REPORT: usize = 12;
+const REPORT: usize = size_of::<ReportRecord>() / size_of::<f64>();
+
+/// Models in the order of their indices in the file.
+const MODELS: [RegistrationModel; 3] = [
+    RegistrationModel::AsGiven,
+    RegistrationModel::SharedOffset,
+    RegistrationModel::PerView,
+];
 
 /// Header of a file.
 #[derive(Serialize, Deserialize)]
@@ -63,12 +95,12 @@ fn write(path: &Path, (report, registrations): &CachedRegistration) -> Result<()
         views: registrations.len(),
         is_found: report.is_some(),
     };
-    let numbers: Vec<f64> = registrations.iter().flat_map(registration_values).collect();
-    let report: Vec<f64> = report.iter().flat_map(report_values).collect();
+    let records: Vec<ViewRecord> = registrations.iter().map(view_record).collect();
+    let report: Vec<ReportRecord> = report.iter().map(report_record).collect();
     let mut writer = ContainerWriter::new(FileKind::REGISTRATION);
     writer.section("info", move || Ok(serde_json::to_vec(&header)?));
     writer.section("report", || Ok(bytemuck::cast_slice(&report).to_vec()));
-    writer.section("views", || Ok(bytemuck::cast_slice(&numbers).to_vec()));
+    writer.section("views", || Ok(bytemuck::cast_slice(&records).to_vec()));
     writer.write(path)
 }
 
@@ -82,154 +114,70 @@ fn open(path: &Path, views: usize) -> Result<CachedRegistration, FileError> {
     }
     let mut section = file.section("report")?;
     let report = if header.is_found {
-        let report = report_from_values(section.values()?);
+        let report = read_report(bytemuck::cast(section.values::<f64, REPORT>()?));
         Some(report.ok_or_else(|| section.damaged("what is applied", "another number"))?)
     } else {
         None
     };
-    let numbers: Vec<[f64; NUMBERS]> = file.section("views")?.array(views)?;
-    Ok((
-        report,
-        numbers.iter().map(registration_from_values).collect(),
-    ))
+    let records: Vec<ViewRecord> = file.section("views")?.array(views)?;
+    Ok((report, records.iter().map(read_registration).collect()))
 }
 
-fn registration_values(registration: &Option<Registration>) -> [f64; NUMBERS] {
-    let mut numbers = [0.0; NUMBERS];
-    if let Some(Registration { lens, pose, gain }) = registration {
-        let Pinhole {
-            focal_px,
-            principal_px,
-            distortion: Distortion { radial, tangential },
-        } = lens;
-        let lens = focal_px
-            .iter()
-            .chain(principal_px)
-            .chain(radial)
-            .chain(tangential)
-            .copied();
-        let pose = pose
-            .eye
-            .to_array()
-            .into_iter()
-            .chain(pose.world_from_eye.to_cols_array());
-        let all = std::iter::once(1.0)
-            .chain(lens)
-            .chain(pose)
-            .chain(gain.map(f64::from));
-        numbers
-            .iter_mut()
-            .zip(all)
-            .for_each(|(to, from)| *to = from);
+fn view_record(registration: &Option<Registration>) -> ViewRecord {
+    let Some(Registration { lens, pose, gain }) = *registration else {
+        return ViewRecord::zeroed();
+    };
+    ViewRecord {
+        is_registered: 1.0,
+        focal_px: lens.focal_px,
+        principal_px: lens.principal_px,
+        radial: lens.distortion.radial,
+        tangential: lens.distortion.tangential,
+        pose: pose.into(),
+        gain: gain.map(f64::from),
     }
-    numbers
 }
 
-fn registration_from_values(numbers: &[f64; NUMBERS]) -> Option<Registration> {
-    let [
-        is_registered,
-        fx,
-        fy,
-        px,
-        py,
-        r1,
-        r2,
-        r3,
-        r4,
-        r5,
-        r6,
-        t1,
-        t2,
-        x,
-        y,
-        z,
-        turn @ ..,
-        red,
-        green,
-        blue,
-    ] = *numbers;
-    let turn: [f64; 9] = turn;
-    let distortion = Distortion {
-        radial: [r1, r2, r3, r4, r5, r6],
-        tangential: [t1, t2],
-    };
-    let lens = Pinhole {
-        focal_px: [fx, fy],
-        principal_px: [px, py],
-        distortion,
-    };
-    let pose = Pose {
-        eye: DVec3::new(x, y, z),
-        world_from_eye: DMat3::from_cols_array(&turn),
-    };
-    (is_registered > 0.0).then_some(Registration {
-        lens,
-        pose,
-        gain: [red, green, blue].map(|gain| gain as f32),
+fn read_registration(record: &ViewRecord) -> Option<Registration> {
+    (record.is_registered > 0.0).then_some(Registration {
+        lens: Pinhole {
+            focal_px: record.focal_px,
+            principal_px: record.principal_px,
+            distortion: Distortion {
+                radial: record.radial,
+                tangential: record.tangential,
+            },
+        },
+        pose: record.pose.into(),
+        gain: record.gain.map(|gain| gain as f32),
     })
 }
 
-fn report_values(report: &RegistrationReport) -> [f64; REPORT] {
-    let RegistrationReport {
-        levels: [given, shared, per_view],
-        applied,
-        focal_px: [given_focal, estimated_focal],
-        offset: [angle, distance],
-        gain,
-        sampled_views,
-        views,
-    } = *report;
-    let applied = match applied {
-        RegistrationModel::AsGiven => 0.0,
-        RegistrationModel::SharedOffset => 1.0,
-        RegistrationModel::PerView => 2.0,
-    };
-    let [low, high] = gain.map(f64::from);
-    [
-        given,
-        shared,
-        per_view,
-        applied,
-        given_focal,
-        estimated_focal,
-        angle,
-        distance,
-        low,
-        high,
-        sampled_views as f64,
-        views as f64,
-    ]
+fn report_record(report: &RegistrationReport) -> ReportRecord {
+    let applied = MODELS.iter().position(|model| *model == report.applied);
+    ReportRecord {
+        levels: report.levels,
+        applied: applied.unwrap_or_default() as f64,
+        focal_px: report.focal_px,
+        offset: report.offset,
+        gain: report.gain.map(f64::from),
+        sampled_views: report.sampled_views as f64,
+        views: report.views as f64,
+    }
 }
 
-fn report_from_values(numbers: [f64; REPORT]) -> Option<RegistrationReport> {
-    let [
-        given,
-        shared,
-        per_view,
-        applied,
-        given_focal,
-        estimated_focal,
-        angle,
-        distance,
-        low,
-        high,
-        sampled_views,
-        views,
-    ] = numbers;
-    let applied = match applied {
-        0.0 => RegistrationModel::AsGiven,
-        1.0 => RegistrationModel::SharedOffset,
-        2.0 => RegistrationModel::PerView,
-        _ => return None,
-    };
+fn read_report(record: ReportRecord) -> Option<RegistrationReport> {
+    let applied = (0u8..)
+        .zip(MODELS)
+        .find(|(index, _)| f64::from(*index) == record.applied);
     Some(RegistrationReport {
-        levels: [given, shared, per_view],
-        applied,
-        focal_px: [given_focal, estimated_focal],
-        offset: [angle, distance],
-        gain: [low, high].map(|gain| gain as f32),
-        sampled_views: sampled_views as usize,
-        views: views as usize,
+        levels: record.levels,
+        applied: applied?.1,
+        focal_px: record.focal_px,
+        offset: record.offset,
+        gain: record.gain.map(|gain| gain as f32),
+        sampled_views: record.sampled_views as usize,
+        views: record.views as usize,
     })
 }
 
@@ -237,6 +185,8 @@ fn report_from_values(numbers: [f64; REPORT]) -> Option<RegistrationReport> {
 mod tests {
     use super::*;
     pub(crate) use crate::view_geometry::tests::{plane_view, saved, set_of};
+    use glam::{DMat3, DVec3};
+    use headbox_images::Pose;
 
     fn some(i: usize) -> Registration {
         let part = |k: usize| ((i * 31 + k) as f64 * 0.7).sin() / 3.0;

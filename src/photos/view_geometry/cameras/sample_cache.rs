@@ -7,18 +7,23 @@
 //! their own checksum, which is verified when the camera's image is loaded ([`verify_on_load`]).
 
 use super::samples::{MAX_PROBES, Probes, Samples};
-use crate::cache;
+use crate::cache::{self, PoseRecord};
 use crate::view_geometry::{RealCamera, SampleGrid};
-use glam::{DMat3, DVec3};
+use glam::DVec3;
 use headbox_core::container::{Container, ContainerWriter, FileError, FileKind};
-use headbox_images::{Distortion, LoadedView, Pinhole, Pose, View};
+use headbox_images::{Distortion, LoadedView, Pinhole, View};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Number of values that describe a camera: eye, columns of the rotation, focal lengths, principal
-/// point.
-const NUMBERS: usize = 16;
+/// Camera in a file.
+#[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(C)]
+struct CameraRecord {
+    pose: PoseRecord,
+    focal_px: [f64; 2],
+    principal_px: [f64; 2],
+}
 
 /// Sections of the points' coordinates.
 const AXES: [&str; 3] = ["x", "y", "z"];
@@ -56,7 +61,7 @@ pub(crate) fn write(path: &Path, cameras: &[RealCamera]) -> Result<(), FileError
     };
     writer.section("info", move || Ok(serde_json::to_vec(&header)?));
     writer.section("cameras", || {
-        Ok(to_bytes(cameras.iter().flat_map(camera_values)))
+        Ok(to_bytes(cameras.iter().map(camera_record)))
     });
     writer.section("counts", move || {
         Ok(to_bytes(samples().flat_map(Samples::counts).copied()))
@@ -83,20 +88,12 @@ fn to_bytes<T: bytemuck::NoUninit>(values: impl Iterator<Item = T>) -> Vec<u8> {
     bytemuck::cast_slice(&values.collect::<Vec<T>>()).to_vec()
 }
 
-fn camera_values(camera: &RealCamera) -> [f64; NUMBERS] {
-    let RealCamera { pose, lens, .. } = camera;
-    let (eye, turn) = (pose.eye.to_array(), pose.world_from_eye.to_cols_array());
-    let all = eye
-        .into_iter()
-        .chain(turn)
-        .chain(lens.focal_px)
-        .chain(lens.principal_px);
-    let mut numbers = [0.0; NUMBERS];
-    numbers
-        .iter_mut()
-        .zip(all)
-        .for_each(|(to, from)| *to = from);
-    numbers
+fn camera_record(camera: &RealCamera) -> CameraRecord {
+    CameraRecord {
+        pose: camera.pose.into(),
+        focal_px: camera.lens.focal_px,
+        principal_px: camera.lens.principal_px,
+    }
 }
 
 /// Opens the file of `views` cameras, their points mapped.
@@ -113,14 +110,14 @@ pub(crate) fn open(path: &Path, views: usize) -> Result<Vec<RealCamera>, FileErr
         .filter(|_| levels > 0)
         .ok_or_else(|| info.damaged("levels of detail", "none"))?;
     let counts: Vec<u32> = info.array(total)?;
-    let all: Vec<[f64; NUMBERS]> = file.section("cameras")?.array(cameras)?;
+    let records: Vec<CameraRecord> = file.section("cameras")?.array(cameras)?;
     let probes: Vec<[[f32; MAX_PROBES]; 3]> = file.section("probes")?.array(cameras)?;
     let checksums: Vec<u32> = file.section("checksums")?.array(cameras)?;
     let axes = file.mapped(AXES)?;
     let available = axes.each_ref().map(|axis| axis.values::<f32>().len());
     let mut first = 0;
     let mut opened = Vec::with_capacity(cameras);
-    for (((numbers, probes), counts), checksum) in all
+    for (((record, probes), counts), checksum) in records
         .iter()
         .zip(probes)
         .zip(counts.chunks(levels))
@@ -142,27 +139,18 @@ pub(crate) fn open(path: &Path, views: usize) -> Result<Vec<RealCamera>, FileErr
             checksum,
         );
         first += count;
-        opened.push(camera_from_values(numbers, samples));
+        opened.push(RealCamera {
+            pose: record.pose.into(),
+            lens: Pinhole {
+                focal_px: record.focal_px,
+                principal_px: record.principal_px,
+                distortion: Distortion::default(),
+            },
+            left_out: false,
+            samples: Arc::new(samples),
+        });
     }
     Ok(opened)
-}
-
-fn camera_from_values(numbers: &[f64; NUMBERS], samples: Samples) -> RealCamera {
-    let [x, y, z, turn @ .., fx, fy, px, py] = *numbers;
-    let turn: [f64; 9] = turn;
-    RealCamera {
-        pose: Pose {
-            eye: DVec3::new(x, y, z),
-            world_from_eye: DMat3::from_cols_array(&turn),
-        },
-        lens: Pinhole {
-            focal_px: [fx, fy],
-            principal_px: [px, py],
-            distortion: Distortion::default(),
-        },
-        left_out: false,
-        samples: Arc::new(samples),
-    }
 }
 
 /// Returns a callback that verifies a camera's samples when its image is loaded: it compares the

@@ -38,15 +38,20 @@ pub(super) struct Projection {
     principal: [f32; 2],
 }
 
+/// Returns the right and down axes of a frame's camera in pixels at eye depth 1, and its forward
+/// axis.
+pub(super) fn pixel_axes(frame: &Camera) -> [Vec3; 3] {
+    let (axes, focal) = (frame.world_from_eye(), frame.focal_px());
+    [axes.x_axis * focal, -axes.y_axis * focal, -axes.z_axis].map(|axis| axis.as_vec3())
+}
+
 impl Projection {
     pub(super) fn new(frame: &Camera, origin: DVec3, level: Level) -> Self {
-        let (turn, focal) = (frame.world_from_eye(), frame.focal_px());
         Self {
             level,
             size: [frame.width(), frame.height()],
             eye: (frame.eye() - origin).as_vec3(),
-            axes: [turn.x_axis * focal, -turn.y_axis * focal, -turn.z_axis]
-                .map(|axis| axis.as_vec3()),
+            axes: pixel_axes(frame),
             principal: frame.principal_px().map(|px| px as f32),
         }
     }

@@ -11,6 +11,7 @@
 //! differ by the field of view or by [`SAME_SURFACES_RAD`], whichever is larger; the probes then
 //! decide if surfaces are shared.
 
+use super::project::pixel_axes;
 use crate::view_geometry::RealCamera;
 use crate::view_geometry::cameras::samples::{MAX_PROBES, Probes};
 use glam::{DVec3, Vec3};
@@ -120,18 +121,14 @@ struct ProbeTest {
 
 impl ProbeTest {
     fn new(frame: &Camera, origin: DVec3) -> Self {
-        let turn = frame.world_from_eye();
-        let focal = frame.focal_px();
-        let axes =
-            [turn.x_axis * focal, -turn.y_axis * focal, -turn.z_axis].map(|axis| axis.as_vec3());
         let [x, y] = frame.principal_px();
         let [width, height] = [frame.width(), frame.height()].map(f64::from);
         // Between opposite corners.
-        let field_rad = 2.0 * (width.hypot(height) / 2.0 / focal).atan();
+        let field_rad = 2.0 * (width.hypot(height) / 2.0 / frame.focal_px()).atan();
         let widest_rad = field_rad.max(SAME_SURFACES_RAD);
         Self {
             eye: (frame.eye() - origin).as_vec3(),
-            axes,
+            axes: pixel_axes(frame),
             edges: [-x, width - x, -y, height - y].map(|edge| edge as f32),
             widest_rad,
             min_cosine: widest_rad.cos(),

@@ -220,10 +220,12 @@ impl FramePainter<'_> {
         while left != 0 {
             let lane = left.trailing_zeros();
             left &= left - 1;
-            let found = match seen >> lane & 1 == 1 {
-                true => Some(color[lane as usize].to_le_bytes()),
-                false if uses_corners => self.corner_color(pixels, lane, [x + lane, y]),
-                false => None,
+            let found = if seen >> lane & 1 == 1 {
+                Some(color[lane as usize].to_le_bytes())
+            } else if uses_corners {
+                self.corner_color(pixels, lane, [x + lane, y])
+            } else {
+                None
             };
             let (Some(found), Some(color), Some(coverage)) = (
                 found,
