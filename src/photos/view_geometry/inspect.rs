@@ -73,19 +73,12 @@ impl GeometryRenderer {
         map: impl Fn(&Pixels, usize, [u32; 2]) -> T + Sync,
     ) -> Vec<T> {
         let (width, height) = (self.frame.width, self.frame.height);
-        let Self {
-            grid,
-            mesh,
-            bins,
-            edge,
-            ..
-        } = self;
         let scanner = Scanner {
-            grid,
-            triangles: mesh.triangles(),
-            bins,
+            grid: &self.grid,
+            triangles: self.mesh.triangles(),
+            bins: &self.bins,
             cameras,
-            edge,
+            edge: &self.edge,
         };
         let band = |number: u32| {
             let rows = number * BAND_ROWS..((number + 1) * BAND_ROWS).min(height);

@@ -107,8 +107,7 @@ impl Picture {
     #[inline]
     pub(crate) fn level_for(&self, texels: f32) -> usize {
         // Level boundaries are at half octaves.
-        let finest = texels * texels < 2.0;
-        if finest {
+        if texels * texels < 2.0 {
             0
         } else {
             ((texels * texels * 2.0).log2() * 0.5).min((self.levels.len() - 1) as f32) as usize
@@ -127,10 +126,8 @@ impl Picture {
             return None;
         }
         // The colour is constant beyond the centres of the outermost texels.
-        let (x, y) = (
-            (x - 0.5).max(0.0).min(width - 1.0),
-            (y - 0.5).max(0.0).min(height - 1.0),
-        );
+        let x = (x - 0.5).max(0.0).min(width - 1.0);
+        let y = (y - 0.5).max(0.0).min(height - 1.0);
         let (column, row) = ((x as i32).min(level.last[0]), (y as i32).min(level.last[1]));
         let (fx, fy) = (x - column as f32, y - row as f32);
         let first = row as usize * level.stride + column as usize;

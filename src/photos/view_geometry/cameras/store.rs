@@ -257,12 +257,8 @@ impl StoreState {
     }
 
     fn next_queued(&mut self) -> Option<u32> {
-        while let Some(camera) = self.queued.pop() {
-            if self.images.peek(camera).is_none() && !self.lost.contains_key(&camera) {
-                return Some(camera);
-            }
-        }
-        None
+        std::iter::from_fn(|| self.queued.pop())
+            .find(|camera| self.images.peek(*camera).is_none() && !self.lost.contains_key(camera))
     }
 }
 

@@ -184,52 +184,35 @@ impl GeometryRenderer {
             stats.flips = self.mesh.flips;
             stats.mesh_ms = lap();
         }
-        self.paint(&cameras, camera, &edge, settings);
+        self.paint(&cameras, camera, settings);
         stats.texture_ms = lap();
         stats.hole_pixels = self.frame.hole_count();
         stats.frame_ms = started.elapsed().as_secs_f64() * 1e3;
         (&self.frame, stats)
     }
 
-    fn paint(
-        &mut self,
-        cameras: &[TextureCamera],
-        camera: &Camera,
-        edge: &EdgeRule,
-        settings: &GeometrySettings,
-    ) {
+    fn paint(&mut self, cameras: &[TextureCamera], camera: &Camera, settings: &GeometrySettings) {
         let (width, height) = (camera.width(), camera.height());
         self.frame.reset(width, height, settings.hole_color_srgb);
-        let Self {
-            level,
-            grid,
-            mesh,
-            bins,
-            frame,
-            ..
-        } = self;
-        let buffers = &self.buffers;
-        let scanner = Scanner {
-            grid,
-            triangles: mesh.triangles(),
-            bins,
-            cameras,
-            edge,
-        };
         let painter = FramePainter {
-            level: *level,
-            scanner,
+            level: self.level,
+            scanner: Scanner {
+                grid: &self.grid,
+                triangles: self.mesh.triangles(),
+                bins: &self.bins,
+                cameras,
+                edge: &self.edge,
+            },
             texturing: settings.texturing,
         };
         let pixels = width as usize * BAND_ROWS as usize;
-        let Frame {
-            color, coverage, ..
-        } = frame;
-        let bands = color
+        let bands = self
+            .frame
+            .color
             .par_chunks_mut(pixels)
-            .zip(coverage.par_chunks_mut(pixels))
+            .zip(self.frame.coverage.par_chunks_mut(pixels))
             .zip(0..height.div_ceil(BAND_ROWS));
-        let spare = || buffers.lock().unwrap_or_else(PoisonError::into_inner);
+        let spare = || self.buffers.lock().unwrap_or_else(PoisonError::into_inner);
         bands.for_each(|((colors, coverage), number)| {
             let rows = number * BAND_ROWS..((number + 1) * BAND_ROWS).min(height);
             let mut buffers = spare().pop().unwrap_or_default();
