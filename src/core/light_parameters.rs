@@ -18,7 +18,7 @@ pub struct LightParameters {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sky: Option<PathBuf>,
     /// Rotation of the sky's image about the up axis, degrees from north to east.
-    #[serde(skip_serializing_if = "is_zero")]
+    #[serde(skip_serializing_if = "is_default")]
     pub sky_turn: f64,
     /// Sun: the direction toward it, X,Y,Z in the file's axes; or azimuth,elevation in degrees,
     /// from north to east and up from the horizon; or off.
@@ -30,23 +30,15 @@ pub struct LightParameters {
     pub sun_strength: Option<f32>,
     /// Exposure: auto, auto with additional stops such as auto+1, or a number of stops by which
     /// linear radiance is scaled up before it is stored.
-    #[serde(skip_serializing_if = "is_auto")]
+    #[serde(skip_serializing_if = "is_default")]
     pub exposure: Exposure,
     /// True to keep light above white ([`crate::tone::ToneMap::SrgbCompressed`]).
-    #[serde(skip_serializing_if = "is_false")]
+    #[serde(skip_serializing_if = "is_default")]
     pub hdr: bool,
 }
 
-fn is_false(flag: &bool) -> bool {
-    !flag
-}
-
-fn is_zero(number: &f64) -> bool {
-    *number == 0.0
-}
-
-fn is_auto(exposure: &Exposure) -> bool {
-    *exposure == Exposure::default()
+fn is_default<T: Default + PartialEq>(value: &T) -> bool {
+    *value == T::default()
 }
 
 /// Position of the sun, or none. Written as on the command line.

@@ -6,6 +6,11 @@ use std::ops::{Add, Mul, Sub};
 /// Number of lanes.
 pub const LANES: usize = 16;
 
+/// Index of each lane.
+pub const LANE_INDICES: [f32; LANES] = [
+    0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0,
+];
+
 /// Blends the upper left, upper right, lower left and lower right texel by the distances to the
 /// right and down from the first, 0 to 1: numbers, vectors of channels, or lanes.
 #[inline(always)]
@@ -38,16 +43,12 @@ pub fn gather_quads<S: Simd>(
         return None;
     }
     let index = index.to_array();
-    let (mut above, mut below) = (
-        [u32x4::splat(simd, 0); LANES / 2],
-        [u32x4::splat(simd, 0); LANES / 2],
-    );
+    let mut above = [u32x4::splat(simd, 0); LANES / 2];
+    let mut below = [u32x4::splat(simd, 0); LANES / 2];
     for i in 0..LANES / 2 {
         // In these words the compiler sees that nothing lies outside.
-        let (a, b) = (
-            (index[2 * i] as usize).min(count - 2),
-            (index[2 * i + 1] as usize).min(count - 2),
-        );
+        let a = (index[2 * i] as usize).min(count - 2);
+        let b = (index[2 * i + 1] as usize).min(count - 2);
         above[i] = u32x4::load_array(
             simd,
             bytemuck::cast([upper[a], upper[a + 1], upper[b], upper[b + 1]]),
@@ -157,10 +158,8 @@ pub fn blend_quads<S: Simd>(
     [across, down]: [u32x16<S>; 2],
 ) -> u32x16<S> {
     let (across, down) = (in_both_halves(across), in_both_halves(down));
-    let (upper, lower) = (
-        mix_bytes(upper_left, upper_right, across),
-        mix_bytes(lower_left, lower_right, across),
-    );
+    let upper = mix_bytes(upper_left, upper_right, across);
+    let lower = mix_bytes(lower_left, lower_right, across);
     let (even, odd) = (mix(upper[0], lower[0], down), mix(upper[1], lower[1], down));
     (even | (odd << 8)).bitcast()
 }

@@ -323,10 +323,8 @@ impl SheetSplitter<'_> {
         let [middle_x, middle_y] = [0, 1].map(|i| mean(&|s| self.centre(s.0, s.1)[i]));
         let [q, slope_x, slope_y] = [0, 1, 2].map(|i| mean(&|s| s.2[i]));
         let prior = SLOPE_WEIGHT * count;
-        let (mut matrix, mut right) = (
-            DMat3::from_diagonal(dvec3(0.0, prior, prior)),
-            dvec3(0.0, slope_x, slope_y) * prior,
-        );
+        let mut matrix = DMat3::from_diagonal(dvec3(0.0, prior, prior));
+        let mut right = dvec3(0.0, slope_x, slope_y) * prior;
         for (column, row, [q, ..]) in samples {
             let [x, y] = self.centre(*column, *row);
             let v = dvec3(1.0, x - middle_x, y - middle_y);

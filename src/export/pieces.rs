@@ -70,11 +70,9 @@ fn depth_pixels(cube: &CubeLdi, face: Face, to: &mut Vec<Piece>) {
 }
 
 fn texels(cube: &CubeLdi, face: Face, to: &mut Vec<Piece>) {
-    let (set, face_px, min_inverse_depth) = (
-        &cube.planes,
-        cube.face_size_px,
-        surfels::min_inverse_depth(cube),
-    );
+    let set = &cube.planes;
+    let face_px = cube.face_size_px;
+    let min_inverse_depth = surfels::min_inverse_depth(cube);
     for tile in set
         .tiles
         .iter()

@@ -62,10 +62,8 @@ impl Spherical {
         };
         // Version and flags, then heading, pitch and roll; in `equi` the crop at the top, bottom,
         // left and right.
-        let (prhd, equi) = (
-            mp4_box(b"prhd", &words(&[0; 4])),
-            mp4_box(b"equi", &words(&[0, 0, 0, self.cropped, self.cropped])),
-        );
+        let prhd = mp4_box(b"prhd", &words(&[0; 4]));
+        let equi = mp4_box(b"equi", &words(&[0, 0, 0, self.cropped, self.cropped]));
         let svhd = mp4_box(b"svhd", &[&[0; 4], b"headbox\0".as_slice()].concat());
         let proj = mp4_box(b"proj", &[prhd, equi].concat());
         let st3d = mp4_box(b"st3d", &[0, 0, 0, 0, self.stereo]);

@@ -46,11 +46,9 @@ pub(super) struct Stacks {
 impl Stacks {
     /// Collects depth pixels, texels of plane textures, and the environment behind them.
     pub(super) fn new(cube: &CubeLdi, face: Face) -> Self {
-        let (face_px, distance, tone) = (
-            cube.face_size_px,
-            surfels::environment_distance(cube),
-            cube.info.tone,
-        );
+        let face_px = cube.face_size_px;
+        let distance = surfels::environment_distance(cube);
+        let tone = cube.info.tone;
         let pieces = pieces::face_pieces(cube, face);
         let mut stacks = Self {
             offsets: vec![0],

@@ -138,10 +138,8 @@ fn texels(cube: &CubeLdi, to: &mut dyn FnMut(Surfel) -> io::Result<()>) -> io::R
         let [q, along_x, along_y] = plane.inverse_depth(face, face_px);
         for (i, texel) in texels.iter().enumerate().filter(|(_, texel)| texel[3] > 0) {
             let (column, row) = (i % usize::from(tile.width), i / usize::from(tile.width));
-            let (x, y) = (
-                f64::from(tile.x0) + column as f64 + 0.5,
-                f64::from(tile.y0) + row as f64 + 0.5,
-            );
+            let x = f64::from(tile.x0) + column as f64 + 0.5;
+            let y = f64::from(tile.y0) + row as f64 + 0.5;
             let d = face.direction(x, y, face_px);
             let normal = -n.try_normalize().unwrap_or(d.normalize());
             let q = (q + along_x * x + along_y * y).max(min_inverse_depth);
@@ -161,10 +159,8 @@ fn environment(cube: &CubeLdi, to: &mut dyn FnMut(Surfel) -> io::Result<()>) -> 
         .enumerate()
         .filter(|(_, texel)| texel[3] > 0);
     for (i, color_srgb) in known {
-        let (x, y) = (
-            (i % per_face) as u32 % size_px,
-            (i % per_face) as u32 / size_px,
-        );
+        let x = (i % per_face) as u32 % size_px;
+        let y = (i % per_face) as u32 / size_px;
         let face = Face::ALL[(i / per_face) % 6];
         let d = face.direction(f64::from(x) + 0.5, f64::from(y) + 0.5, size_px);
         to(Surfel::new(

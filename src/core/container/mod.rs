@@ -463,11 +463,9 @@ fn check_entry(path: &Path, entry: &[u8], file_length: u64) -> Result<Entry, Fil
         .trim_end_matches('\0')
         .to_owned();
     let long = |at: usize| u64::from(word(entry, at)) | u64::from(word(entry, at + 4)) << 32;
-    let (checksum, start, length) = (
-        word(entry, NAME_BYTES),
-        long(NAME_BYTES + 4),
-        long(NAME_BYTES + 12),
-    );
+    let checksum = word(entry, NAME_BYTES);
+    let start = long(NAME_BYTES + 4);
+    let length = long(NAME_BYTES + 12);
     if start
         .checked_add(length)
         .is_none_or(|end| end > file_length)

@@ -91,20 +91,14 @@ impl Svg {
 
     /// Writes a line of text with its baseline at a position.
     pub fn text(&mut self, DVec2 { x, y }: DVec2, text: &str, style: TextStyle) {
-        let TextStyle {
-            size,
-            color,
-            anchor,
-            upwards,
-            halo,
-        } = style;
-        let (color, text) = (hex(color), escape(text));
-        let rotation = if upwards {
+        let TextStyle { size, anchor, .. } = style;
+        let (color, text) = (hex(style.color), escape(text));
+        let rotation = if style.upwards {
             format!(" transform='rotate(-90 {x:.1} {y:.1})'")
         } else {
             String::new()
         };
-        let halo = if halo {
+        let halo = if style.halo {
             " stroke='white' stroke-width='4' paint-order='stroke'"
         } else {
             ""

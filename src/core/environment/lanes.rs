@@ -7,14 +7,9 @@
 
 use crate::cube_face::Face;
 use crate::environment::Environment;
-use crate::texels;
-use crate::texels::LANES;
+use crate::texels::{self, LANE_INDICES, LANES};
 use fearless_simd::{ExtractToken, Simd, SimdCvtTruncate, f32x16, mask32x16, prelude::*, u32x16};
 use glam::Vec3;
-
-const LANE_INDICES: [f32; LANES] = [
-    0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0,
-];
 
 /// Intersections of the lanes' directions with a face.
 struct FacePositions<S: Simd> {
@@ -87,11 +82,9 @@ impl Environment {
         }
         let mut mixed = done & !uniform.to_bitmask();
         if mixed != 0 {
-            let (first, u, v) = (
-                on_face.first.to_array(),
-                on_face.u.to_array(),
-                on_face.v.to_array(),
-            );
+            let first = on_face.first.to_array();
+            let u = on_face.u.to_array();
+            let v = on_face.v.to_array();
             while mixed != 0 {
                 let i = mixed.trailing_zeros() as usize;
                 mixed &= mixed - 1;
@@ -191,10 +184,8 @@ mod tests {
             let a = i as f32 * 0.31;
             // Runs of up to 150 and of some 5 degrees.
             let step = Vec3::new(0.03, -0.05, 0.11) * if i % 2 == 0 { 1.0 } else { 0.05 };
-            let (start, wanted) = (
-                Vec3::new(a.sin(), (a * 1.7).cos(), (a * 0.6).cos()),
-                [0xffff, 0xa53c][i / 2 % 2],
-            );
+            let start = Vec3::new(a.sin(), (a * 1.7).cos(), (a * 0.6).cos());
+            let wanted = [0xffff, 0xa53c][i / 2 % 2];
             let mut of_lowest = None;
             for level in simd::levels() {
                 let sixteen =

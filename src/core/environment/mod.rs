@@ -146,10 +146,8 @@ impl Environment {
     #[inline(always)]
     fn blend_quad(&self, first: usize, [u, v]: [u32; 2]) -> Option<[u8; 3]> {
         let size = self.size_px as usize;
-        let (upper, lower) = (
-            self.texels.get(first..first + 2)?,
-            self.texels.get(first + size..first + size + 2)?,
-        );
+        let upper = self.texels.get(first..first + 2)?;
+        let lower = self.texels.get(first + size..first + size + 2)?;
         let [a, b, c, d] = [upper[0], upper[1], lower[0], lower[1]];
         if a[3] & b[3] & c[3] & d[3] != 255 {
             return blend_known([a, b, c, d], [u, v]);
@@ -245,19 +243,15 @@ pub(super) mod tests {
         // which costs up to half a texel, 4.
         const LEVELS: i32 = 5;
         for i in 0..5000 {
-            let (a, z) = (
-                f64::from(i) * 2.399_963,
-                1.0 - (f64::from(i) + 0.5) / 2500.0,
-            );
+            let a = f64::from(i) * 2.399_963;
+            let z = 1.0 - (f64::from(i) + 0.5) / 2500.0;
             let d = DVec3::new(
                 (1.0 - z * z).sqrt() * a.cos(),
                 (1.0 - z * z).sqrt() * a.sin(),
                 z,
             );
-            let (found, expected) = (
-                environment.sample(d.as_vec3() * 7.0).expect("filled"),
-                ramp(d),
-            );
+            let found = environment.sample(d.as_vec3() * 7.0).expect("filled");
+            let expected = ramp(d);
             for c in 0..3 {
                 assert!(
                     (i32::from(found[c]) - i32::from(expected[c])).abs() <= LEVELS,

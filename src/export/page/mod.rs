@@ -115,25 +115,20 @@ impl Page {
     }
 
     fn from_content(content: Content, name: &str) -> Result<Self, ExportError> {
-        let Content {
-            mut header,
-            parts,
-            poster,
-            modules,
-        } = content;
-        let parts = parts
+        let mut header = content.header;
+        let parts = content
+            .parts
             .into_par_iter()
             .map(pack)
             .collect::<Result<Vec<_>, io::Error>>()?;
         check_size(parts.iter().map(|part| part.text.len() as u64).sum())?;
         header["name"] = name.into();
         header["parts"] = parts.iter().map(|part| part.header.clone()).collect();
-        let title = escape(name);
         let before = TEMPLATE
-            .replace("@TITLE@", &title)
+            .replace("@TITLE@", &escape(name))
             .replace("@STYLE@", STYLE)
-            .replace("@POSTER@", &text::base64(&poster))
-            .replace("@SCRIPT@", &script(modules))
+            .replace("@POSTER@", &text::base64(&content.poster))
+            .replace("@SCRIPT@", &script(content.modules))
             .replace("@HEADER@", &header.to_string().replace('<', "\\u003c"));
         Ok(Self { before, parts })
     }

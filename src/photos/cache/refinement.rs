@@ -96,10 +96,8 @@ mod tests {
 
     #[test]
     fn poses_cached_until_files_change() {
-        let (pictures, cache) = (
-            tempfile::tempdir().expect("a folder"),
-            tempfile::tempdir().expect("a folder"),
-        );
+        let pictures = tempfile::tempdir().expect("a folder");
+        let cache = tempfile::tempdir().expect("a folder");
         let view = |i: usize| {
             let eye = DVec3::new(0.1 * i as f64, 0.0, 0.0);
             let mut view = saved(

@@ -242,10 +242,8 @@ mod tests {
 
     #[test]
     fn registration_cached_until_files_change() {
-        let (pictures, cache) = (
-            tempfile::tempdir().expect("a folder"),
-            tempfile::tempdir().expect("a folder"),
-        );
+        let pictures = tempfile::tempdir().expect("a folder");
+        let cache = tempfile::tempdir().expect("a folder");
         let place = |i: usize| DVec3::new(0.02 * i as f64, 0.01 * (i % 2) as f64, 0.0);
         let view = |i: usize| {
             saved(

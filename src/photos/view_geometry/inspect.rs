@@ -46,10 +46,8 @@ impl GeometryRenderer {
     /// the same depth; `None` where there is no triangle.
     pub fn seen_by(&self, geometry: &ViewGeometry) -> Vec<Option<u32>> {
         let textured = |&number: &u32| {
-            let (real, picture) = (
-                geometry.cameras.get(number as usize)?,
-                geometry.pictures.peek(number)?,
-            );
+            let real = geometry.cameras.get(number as usize)?;
+            let picture = geometry.pictures.peek(number)?;
             Some(TextureCamera::new(
                 real,
                 picture,

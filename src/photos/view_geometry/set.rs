@@ -1,7 +1,6 @@
 //! Image set prepared for rendering: its cameras with their samples, and the image store.
 
-use crate::cache;
-use crate::cache::InUse;
+use crate::cache::{self, InUse};
 use crate::view_geometry::cameras::picture::Picture;
 use crate::view_geometry::cameras::sample_cache;
 use crate::view_geometry::cameras::samples::{SampleGrid, Samples};
@@ -68,16 +67,9 @@ impl RealCamera {
 
     /// Projects a point or direction of eye space to (x w, y w, w), x and y in pixels.
     pub(super) fn homogeneous(&self, p: DVec3) -> DVec3 {
-        let Pinhole {
-            focal_px,
-            principal_px,
-            ..
-        } = self.lens;
-        DVec3::new(
-            focal_px[0] * p.x - principal_px[0] * p.z,
-            -focal_px[1] * p.y - principal_px[1] * p.z,
-            -p.z,
-        )
+        let [fx, fy] = self.lens.focal_px;
+        let [cx, cy] = self.lens.principal_px;
+        DVec3::new(fx * p.x - cx * p.z, -fy * p.y - cy * p.z, -p.z)
     }
 }
 
@@ -145,11 +137,7 @@ impl ViewGeometry {
             });
         }
         let origin = views.iter().map(|view| view.pose.eye).sum::<DVec3>() / views.len() as f64;
-        let GeometryResources {
-            grid,
-            budget,
-            cache,
-        } = resources;
+        let (grid, cache) = (&resources.grid, &resources.cache);
         let file = cache
             .as_ref()
             .and_then(|folder| sample_cache::path(folder, &views, grid, origin));
@@ -157,7 +145,7 @@ impl ViewGeometry {
             Some(file) => cache::read(file, |file| sample_cache::open(file, views.len())),
             None => (None, None),
         };
-        let pictures = PictureStore::new(views.clone(), *budget);
+        let pictures = PictureStore::new(views.clone(), resources.budget);
         let (known, note) = read_cached();
         let cameras = match known {
             Some(cameras) => cameras,

@@ -78,10 +78,8 @@ fn off_the_pattern(frame: &Frame, camera: &Camera, plane_z: f64) -> (u8, u64) {
         if coverage.is_hole() {
             continue;
         }
-        let (x, y) = (
-            (i % frame.width as usize) as f64 + 0.5,
-            (i / frame.width as usize) as f64 + 0.5,
-        );
+        let x = (i % frame.width as usize) as f64 + 0.5;
+        let y = (i / frame.width as usize) as f64 + 0.5;
         let ray = camera.direction(x, y);
         let p = camera.eye() + ray * ((plane_z - camera.eye().z) / ray.z);
         let expected = pattern(p.x, p.y);

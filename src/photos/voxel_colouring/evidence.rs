@@ -7,13 +7,8 @@ use fearless_simd::prelude::*;
 use fearless_simd::{dispatch, f32x16, mask32x16, u32x16};
 use glam::Vec3;
 use headbox_core::simd;
-use headbox_core::texels::LANES;
+use headbox_core::texels::{LANE_INDICES, LANES};
 use std::ops::Range;
-
-/// Column offsets of sixteen candidates that are tested together.
-const COLUMN_OFFSETS: [f32; LANES] = [
-    0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0,
-];
 
 /// Photographs that see part of a shell's face.
 pub(super) struct ShellViews<'a> {
@@ -205,7 +200,7 @@ fn color_statistics<S: Simd>(
     pass: &Pass,
 ) -> ([f32; LANES], [u32; LANES]) {
     let zero = f32x16::splat(simd, 0.0);
-    let columns = f32x16::from_slice(simd, &COLUMN_OFFSETS) + column as f32;
+    let columns = f32x16::from_slice(simd, &LANE_INDICES) + column as f32;
     // This test is cheap and excludes most candidates.
     let mut left = exclude_backdrop(inside, columns, columns.simd_ge(0.0));
     left = exclude_backdrop(outside, columns, left);

@@ -185,10 +185,8 @@ impl<'a> Oracle<'a> {
             let distance = self.views[view].pose.eye.distance(point + self.job.centre);
             let reach = depth / f64::from(self.job.face_size_px) * 70.0 / distance;
             for (i, claimed) in self.claimed[view].iter_mut().enumerate() {
-                let (column, row) = (
-                    (i % SIZE[0] as usize) as f64 + 0.5,
-                    (i / SIZE[0] as usize) as f64 + 0.5,
-                );
+                let column = (i % SIZE[0] as usize) as f64 + 0.5;
+                let row = (i / SIZE[0] as usize) as f64 + 0.5;
                 *claimed |= i == own || ((column - x).abs() <= reach && (row - y).abs() <= reach);
             }
         }

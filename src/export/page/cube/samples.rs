@@ -89,10 +89,8 @@ impl PartEncoder {
         let side = BLOCK_PX as usize;
         let mut pixels = vec![Pixel::default(); side * side];
         for i in 0..pixels.len() {
-            let (x, y) = (
-                column * BLOCK_PX + (i % side) as u32,
-                row * BLOCK_PX + (i / side) as u32,
-            );
+            let x = column * BLOCK_PX + (i % side) as u32;
+            let y = row * BLOCK_PX + (i / side) as u32;
             let pixel_samples = match (x.checked_sub(segment.x0), y.checked_sub(segment.y0)) {
                 (Some(x), Some(y)) => segment.pixel(x, y),
                 _ => &[],

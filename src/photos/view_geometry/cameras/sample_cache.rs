@@ -211,10 +211,8 @@ mod tests {
 
     #[test]
     fn reopened_set_needs_no_image() {
-        let (pictures, cache) = (
-            tempfile::tempdir().expect("a folder"),
-            tempfile::tempdir().expect("a folder"),
-        );
+        let pictures = tempfile::tempdir().expect("a folder");
+        let cache = tempfile::tempdir().expect("a folder");
         let views = views(pictures.path());
         let camera = frame_at(DVec3::new(0.05, 0.02, 0.1), SIZE);
         let settings = GeometrySettings::default();
@@ -250,10 +248,8 @@ mod tests {
 
     #[test]
     fn changed_view_is_resampled() {
-        let (pictures, cache) = (
-            tempfile::tempdir().expect("a folder"),
-            tempfile::tempdir().expect("a folder"),
-        );
+        let pictures = tempfile::tempdir().expect("a folder");
+        let cache = tempfile::tempdir().expect("a folder");
         let views = views(pictures.path());
         open(&views, cache.path());
         saved(&plane_view(DVec3::ZERO, 2.0, SIZE), pictures.path(), "a");
@@ -293,10 +289,8 @@ mod tests {
 
     #[test]
     fn damaged_cache_file_is_rewritten() {
-        let (pictures, cache) = (
-            tempfile::tempdir().expect("a folder"),
-            tempfile::tempdir().expect("a folder"),
-        );
+        let pictures = tempfile::tempdir().expect("a folder");
+        let cache = tempfile::tempdir().expect("a folder");
         let views = views(pictures.path());
         let camera = frame_at(DVec3::ZERO, SIZE);
         let expected = frame(
@@ -350,10 +344,8 @@ mod tests {
 
     #[test]
     fn damaged_points_are_recomputed() {
-        let (pictures, cache) = (
-            tempfile::tempdir().expect("a folder"),
-            tempfile::tempdir().expect("a folder"),
-        );
+        let pictures = tempfile::tempdir().expect("a folder");
+        let cache = tempfile::tempdir().expect("a folder");
         let views = views(pictures.path());
         let camera = frame_at(DVec3::new(0.05, 0.0, 0.1), SIZE);
         let expected = frame(
@@ -397,10 +389,8 @@ mod tests {
 
     #[test]
     fn vanished_images_are_skipped() {
-        let (pictures, cache) = (
-            tempfile::tempdir().expect("a folder"),
-            tempfile::tempdir().expect("a folder"),
-        );
+        let pictures = tempfile::tempdir().expect("a folder");
+        let cache = tempfile::tempdir().expect("a folder");
         let views = views(pictures.path());
         open(&views, cache.path());
         let geometry = open(&views, cache.path());

@@ -19,10 +19,8 @@ impl Picture {
     /// Same as [`Self::level_for`], for sixteen lanes.
     #[inline(always)]
     pub(crate) fn levels_for<S: Simd>(&self, texels: f32x16<S>) -> u32x16<S> {
-        let (one, zero) = (
-            u32x16::splat(texels.token(), 1),
-            u32x16::splat(texels.token(), 0),
-        );
+        let one = u32x16::splat(texels.token(), 1);
+        let zero = u32x16::splat(texels.token(), 0);
         let mut level = zero;
         let mut bound = 2.0;
         for _ in 1..self.levels.len() {

@@ -37,10 +37,8 @@ impl Mesh {
     /// Triangulates all nodes of a grid, with and without a sample: first strips in parallel, then
     /// the seams between them.
     pub(super) fn triangulate(&mut self, grid: &Grid) {
-        let (across, down) = (
-            grid.lattice.columns as usize - 1,
-            grid.lattice.rows as usize - 1,
-        );
+        let across = grid.lattice.columns as usize - 1;
+        let down = grid.lattice.rows as usize - 1;
         self.corners.resize(6 * across * down, 0);
         self.twins.resize(6 * across * down, NONE);
         let half_edges = 6 * across * STRIP_ROWS;
@@ -224,10 +222,8 @@ impl MeshPart<'_> {
     /// sides of a strip, but they may belong to another of its triangles now.
     fn into_seams(self, first_row: usize, base: u32) -> Seams {
         let columns = self.grid.lattice.columns;
-        let (upper_row, lower_row) = (
-            first_row as u32,
-            first_row as u32 + (self.corners.len() / 6) as u32 / (columns - 1),
-        );
+        let upper_row = first_row as u32;
+        let lower_row = first_row as u32 + (self.corners.len() / 6) as u32 / (columns - 1);
         let mut seams = Seams {
             upper: vec![NONE; columns as usize - 1],
             lower: vec![NONE; columns as usize - 1],
@@ -238,10 +234,8 @@ impl MeshPart<'_> {
                 *twin += base;
                 continue;
             }
-            let (from, to) = (
-                self.corners[edge as usize],
-                self.corners[neighbours(edge).0 as usize],
-            );
+            let from = self.corners[edge as usize];
+            let to = self.corners[neighbours(edge).0 as usize];
             let left = (from.min(to) % columns) as usize;
             match (from / columns, to / columns) {
                 (a, b) if a != b => {} // the left or the right rim

@@ -105,10 +105,8 @@ impl Grid {
         /// Number of nearer neighbours, of eight, that make a node an outlier. A node at a straight
         /// silhouette has three nearer ones, in a corner five.
         const NEARER: usize = 6;
-        let (columns, spacing) = (
-            self.lattice.columns as usize,
-            self.lattice.spacing as f32 / SUBPIXELS as f32,
-        );
+        let columns = self.lattice.columns as usize;
+        let spacing = self.lattice.spacing as f32 / SUBPIXELS as f32;
         let leaks: Vec<usize> = self
             .inner_nodes()
             .filter(|&node| {
@@ -160,10 +158,8 @@ impl Grid {
             .filter_map(|node| {
                 let (column, row) = (node % columns, node / columns);
                 let pair = |step: isize, before: usize, after: usize| {
-                    let (first, second) = (
-                        find_sample(node, -step, before)?,
-                        find_sample(node, step, after)?,
-                    );
+                    let first = find_sample(node, -step, before)?;
+                    let second = find_sample(node, step, after)?;
                     (first.0 + second.0 <= most + 1).then_some((first, second))
                 };
                 let along_row = pair(1, column, columns - 1 - column);

@@ -6,12 +6,11 @@ use fearless_simd::prelude::*;
 use fearless_simd::{Level, dispatch, f32x16, i32x16, u32x16};
 use glam::{DVec3, Vec3};
 use headbox_core::camera::Camera;
+use headbox_core::texels::LANES;
 use headbox_core::triangle_scan::SUBPIXELS;
 
 /// Near plane, metres.
 const NEAR_M: f32 = 1e-3;
-
-const LANES: usize = 16;
 
 /// Projected sample inside a frame's lattice.
 #[derive(Clone, Copy, Debug, PartialEq)]

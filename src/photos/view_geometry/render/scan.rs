@@ -315,10 +315,8 @@ impl Scanner<'_> {
     /// Returns a mask of the corners on the nearer of two surfaces; `None` if there is one surface.
     #[inline]
     fn nearer_corners(&self, at: [[i32; 2]; 3], inverse: [f32; 3]) -> Option<[bool; 3]> {
-        let (near, far) = (
-            inverse[0].max(inverse[1]).max(inverse[2]),
-            inverse[0].min(inverse[1]).min(inverse[2]),
-        );
+        let near = inverse[0].max(inverse[1]).max(inverse[2]);
+        let far = inverse[0].min(inverse[1]).min(inverse[2]);
         if near - far <= self.edge.noise_floor {
             return None;
         }

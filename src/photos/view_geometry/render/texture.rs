@@ -17,6 +17,7 @@ use fearless_simd::prelude::*;
 use fearless_simd::{Level, dispatch, f32x16, mask32x16, u32x16};
 use headbox_core::frame::Coverage;
 use headbox_core::srgb_table::{SrgbTable, encode_srgb};
+use headbox_core::texels::LANE_INDICES;
 use std::ops::Range;
 
 /// Factor from 16-bit linear light to the range 0 to 1.
@@ -25,11 +26,6 @@ const PER_FULL: f32 = 1.0 / 65_535.0;
 /// Maximum number of cameras averaged in a pixel: the fourth still reduces noise more than it
 /// blurs.
 const MOST_AVERAGED: f32 = 4.0;
-
-/// Column of each lane.
-const COLUMNS: [f32; LANES] = [
-    0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0,
-];
 
 /// Frame positions of adjacent pixels.
 #[derive(Clone, Copy)]
@@ -89,11 +85,9 @@ impl<S: Simd> Sums<S> {
         } = positions;
         let row = camera.start + camera.down * y;
         let [h, v, w] = [0, 1, 2].map(|axis| (row[axis], camera.right[axis], camera.shift[axis]));
-        let (h, v, w) = (
-            homogeneous(h, x, inverse_depth),
-            homogeneous(v, x, inverse_depth),
-            homogeneous(w, x, inverse_depth),
-        );
+        let h = homogeneous(h, x, inverse_depth);
+        let v = homogeneous(v, x, inverse_depth);
+        let w = homogeneous(w, x, inverse_depth);
         let per = 1.0 / w;
         let (u, v, there) = (h * per, v * per, inverse_depth * per);
         let in_front = w.simd_gt(0.0).to_bitmask() & wanted;
@@ -196,7 +190,7 @@ impl FramePainter<'_> {
             return;
         }
         let positions = TexturePositions {
-            x: f32x16::load_array_ref(simd, &COLUMNS) + (x as f32 + 0.5),
+            x: f32x16::load_array_ref(simd, &LANE_INDICES) + (x as f32 + 0.5),
             y: y as f32 + 0.5,
             inverse_depth: f32x16::load_array_ref(simd, &pixels.inverse_depth),
         };
