@@ -1,7 +1,7 @@
 //! The paper's experiment (E12): a castle's wall with a gate, captured from a row of positions. The
 //! middle view is held out, rendered from the others, and compared with itself.
 
-pub(crate) use super::tests::{frame, frame_at, opened};
+pub(crate) use super::tests::{frame, frame_at, grid, opened};
 use super::*;
 use glam::DVec3;
 use headbox_core::frame::Frame;
@@ -70,13 +70,7 @@ impl RegionError {
 fn held_out_view_beats_paper() {
     let [truth, views @ ..] = traced([0.0, -0.6, -0.3, 0.3, 0.6]);
     let views: [LoadedView; 4] = views;
-    let (_folder, geometry) = opened(
-        &views,
-        &SampleGrid {
-            spacing_px: SPACING_PX,
-            coarsest: 3,
-        },
-    );
+    let (_folder, geometry) = opened(&views, &grid(SPACING_PX, 3));
     let camera = frame_at(truth.pose.eye, SIZE);
     let modes = [
         Texturing::Nearest,

@@ -135,7 +135,7 @@ impl GeometryRenderer {
 
 #[cfg(test)]
 mod tests {
-    pub(crate) use super::super::tests::{frame_at, opened, plane_view, view_of};
+    pub(crate) use super::super::tests::{frame_at, grid, opened, plane_view, view_of};
     use super::super::{GeometrySettings, SampleGrid, Texturing, WaitPolicy};
     use super::*;
     use glam::DVec3;
@@ -248,13 +248,7 @@ mod tests {
             };
             view_of(DVec3::new(eye, 0.0, 0.0), depth, |_, _| [90; 3], size)
         });
-        let (_folder, geometry) = opened(
-            &views,
-            &SampleGrid {
-                spacing_px: 2,
-                coarsest: 3,
-            },
-        );
+        let (_folder, geometry) = opened(&views, &grid(2, 3));
         let frame = frame_at(DVec3::ZERO, size);
         let mut renderer = GeometryRenderer::new();
         renderer.render(

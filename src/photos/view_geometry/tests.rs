@@ -47,10 +47,14 @@ fn open(
 
 const SIZE: [u32; 2] = [96, 72];
 
-const DEFAULT: SampleGrid = SampleGrid {
-    spacing_px: 3,
-    coarsest: 3,
-};
+const DEFAULT: SampleGrid = grid(3, 3);
+
+pub(crate) const fn grid(spacing_px: u32, coarsest: u32) -> SampleGrid {
+    SampleGrid {
+        spacing_px,
+        coarsest,
+    }
+}
 
 fn settings(texturing: Texturing) -> GeometrySettings {
     GeometrySettings {

@@ -182,15 +182,28 @@ pub(crate) fn verify_on_load(
 mod tests {
     use super::*;
     pub(crate) use crate::view_geometry::tests::{frame, frame_at, plane_view, saved, set_of};
-    use crate::view_geometry::{GeometryResources, GeometrySettings, ViewGeometry};
+    use crate::view_geometry::{GeometryResources, GeometrySettings, GeometryStats, ViewGeometry};
+    use headbox_core::camera::Camera;
+    use headbox_core::frame::Frame;
     use headbox_core::progress::Silent;
+    use tempfile::TempDir;
 
     const SIZE: [u32; 2] = [96, 72];
 
-    fn views(folder: &Path) -> Vec<View> {
-        let eyes = [0.0, 0.1, 0.2].map(|x| DVec3::new(x, 0.0, 0.0));
-        let view = |(eye, name): (&DVec3, &str)| saved(&plane_view(*eye, 3.0, SIZE), folder, name);
-        eyes.iter().zip(["a", "b", "c"]).map(view).collect()
+    /// Folders of images and of the cache, and three views in the first.
+    fn saved_views() -> (TempDir, TempDir, Vec<View>) {
+        let folders = [0; 2].map(|_| tempfile::tempdir().expect("a folder"));
+        let [pictures, cache] = folders;
+        let view = |(x, name): (f64, &str)| {
+            let view = plane_view(DVec3::new(x, 0.0, 0.0), 3.0, SIZE);
+            saved(&view, pictures.path(), name)
+        };
+        let views = [(0.0, "a"), (0.1, "b"), (0.2, "c")].map(view).to_vec();
+        (pictures, cache, views)
+    }
+
+    fn default_frame(geometry: &ViewGeometry, camera: &Camera) -> (Frame, GeometryStats) {
+        frame(geometry, camera, &GeometrySettings::default())
     }
 
     fn open(views: &[View], cache: &Path) -> ViewGeometry {
@@ -211,9 +224,7 @@ mod tests {
 
     #[test]
     fn reopened_set_needs_no_image() {
-        let pictures = tempfile::tempdir().expect("a folder");
-        let cache = tempfile::tempdir().expect("a folder");
-        let views = views(pictures.path());
+        let (_pictures, cache, views) = saved_views();
         let camera = frame_at(DVec3::new(0.05, 0.02, 0.1), SIZE);
         let settings = GeometrySettings::default();
         let expected = frame(&open(&views, cache.path()), &camera, &settings);
@@ -248,56 +259,31 @@ mod tests {
 
     #[test]
     fn changed_view_is_resampled() {
-        let pictures = tempfile::tempdir().expect("a folder");
-        let cache = tempfile::tempdir().expect("a folder");
-        let views = views(pictures.path());
+        let (pictures, cache, views) = saved_views();
         open(&views, cache.path());
         saved(&plane_view(DVec3::ZERO, 2.0, SIZE), pictures.path(), "a");
         let camera = frame_at(DVec3::ZERO, SIZE);
-        let nearer = frame(
-            &open(&views, cache.path()),
-            &camera,
-            &GeometrySettings {
-                cameras: 1,
-                ..GeometrySettings::default()
-            },
-        );
+        let settings = GeometrySettings {
+            cameras: 1,
+            ..GeometrySettings::default()
+        };
+        let (nearer, _) = frame(&open(&views, cache.path()), &camera, &settings);
         assert_eq!(files(cache.path()).len(), 2);
-        let plain = set_of(pictures.path(), &views);
-        let resources = GeometryResources::default();
-        let plain = ViewGeometry::open(
-            &plain,
-            &views.iter().collect::<Vec<_>>(),
-            &resources,
-            &Silent,
-        )
-        .expect("opens");
-        assert!(
-            frame(
-                &plain,
-                &camera,
-                &GeometrySettings {
-                    cameras: 1,
-                    ..GeometrySettings::default()
-                }
-            )
-            .0 == nearer.0
-        );
+        let set = set_of(pictures.path(), &views);
+        let views_in_set: Vec<&View> = views.iter().collect();
+        let uncached =
+            ViewGeometry::open(&set, &views_in_set, &GeometryResources::default(), &Silent)
+                .expect("opens");
+        assert!(frame(&uncached, &camera, &settings).0 == nearer);
         open(&views[1..], cache.path());
         assert_eq!(files(cache.path()).len(), 3, "other views, another file");
     }
 
     #[test]
     fn damaged_cache_file_is_rewritten() {
-        let pictures = tempfile::tempdir().expect("a folder");
-        let cache = tempfile::tempdir().expect("a folder");
-        let views = views(pictures.path());
+        let (_pictures, cache, views) = saved_views();
         let camera = frame_at(DVec3::ZERO, SIZE);
-        let expected = frame(
-            &open(&views, cache.path()),
-            &camera,
-            &GeometrySettings::default(),
-        );
+        let expected = default_frame(&open(&views, cache.path()), &camera);
         let file = files(cache.path()).pop().expect("a file");
         let whole = std::fs::read(&file).expect("read");
         let cameras = super::open(&file, 3).expect("whole");
@@ -322,7 +308,7 @@ mod tests {
                 "{:?}",
                 anew.notes()
             );
-            assert!(frame(&anew, &camera, &GeometrySettings::default()).0 == expected.0);
+            assert!(default_frame(&anew, &camera).0 == expected.0);
             assert_eq!(std::fs::read(&file).expect("read"), whole);
         }
         // A file that says nothing true of its points.
@@ -332,27 +318,14 @@ mod tests {
         // A cache that cannot be written.
         let nowhere = cache.path().join("file");
         std::fs::write(&nowhere, b"no folder").expect("written");
-        assert!(
-            frame(
-                &open(&views, &nowhere),
-                &camera,
-                &GeometrySettings::default()
-            )
-            .0 == expected.0
-        );
+        assert!(default_frame(&open(&views, &nowhere), &camera).0 == expected.0);
     }
 
     #[test]
     fn damaged_points_are_recomputed() {
-        let pictures = tempfile::tempdir().expect("a folder");
-        let cache = tempfile::tempdir().expect("a folder");
-        let views = views(pictures.path());
+        let (_pictures, cache, views) = saved_views();
         let camera = frame_at(DVec3::new(0.05, 0.0, 0.1), SIZE);
-        let expected = frame(
-            &open(&views, cache.path()),
-            &camera,
-            &GeometrySettings::default(),
-        );
+        let expected = default_frame(&open(&views, cache.path()), &camera);
         let file = files(cache.path()).pop().expect("a file");
         let whole = std::fs::read(&file).expect("read");
         let cameras = super::open(&file, 3).expect("whole");
@@ -375,7 +348,7 @@ mod tests {
             mended.notes().is_empty() && mended.repaired().is_empty(),
             "points are not read yet"
         );
-        let found = frame(&mended, &camera, &GeometrySettings::default());
+        let found = default_frame(&mended, &camera);
         assert!(found.0 == expected.0 && found.1.samples == expected.1.samples);
         assert!(
             matches!(&mended.repaired()[..], [why] if why.contains("samples of b")),
@@ -389,18 +362,12 @@ mod tests {
 
     #[test]
     fn vanished_images_are_skipped() {
-        let pictures = tempfile::tempdir().expect("a folder");
-        let cache = tempfile::tempdir().expect("a folder");
-        let views = views(pictures.path());
+        let (_pictures, cache, views) = saved_views();
         open(&views, cache.path());
         let geometry = open(&views, cache.path());
         std::fs::remove_file(&views[0].color).expect("removed");
         std::fs::write(&views[1].color, b"no picture").expect("written");
-        let (shown, stats) = frame(
-            &geometry,
-            &frame_at(DVec3::ZERO, SIZE),
-            &GeometrySettings::default(),
-        );
+        let (shown, stats) = default_frame(&geometry, &frame_at(DVec3::ZERO, SIZE));
         assert!(
             stats.cameras_used == 1 && stats.hole_pixels < 96 * 72 / 4,
             "{stats:?}"

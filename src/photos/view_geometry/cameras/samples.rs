@@ -279,19 +279,12 @@ fn median_depth(
 #[cfg(test)]
 mod tests {
     use super::*;
-    pub(crate) use crate::view_geometry::tests::{plane_view, view_of};
+    pub(crate) use crate::view_geometry::tests::{grid, plane_view, view_of};
 
     #[test]
     fn level_of_detail_is_prefix_of_quarter_size() {
         let view = plane_view(DVec3::ZERO, 2.0, [64, 64]);
-        let samples = Samples::new(
-            &view,
-            &SampleGrid {
-                spacing_px: 2,
-                coarsest: 3,
-            },
-            DVec3::ZERO,
-        );
+        let samples = Samples::new(&view, &grid(2, 3), DVec3::ZERO);
         let counts: Vec<usize> = (0..6)
             .map(|level| samples.of_level(level)[0].len())
             .collect();
@@ -310,14 +303,7 @@ mod tests {
     fn samples_follow_depth_without_outliers() {
         let depth = |x: u32, y: u32| if (x, y) == (10, 10) { 0.1 } else { 3.0 };
         let view = view_of(DVec3::new(1.0, 2.0, 3.0), depth, |_, _| [9; 3], [48, 32]);
-        let samples = Samples::new(
-            &view,
-            &SampleGrid {
-                spacing_px: 4,
-                coarsest: 2,
-            },
-            DVec3::ONE,
-        );
+        let samples = Samples::new(&view, &grid(4, 2), DVec3::ONE);
         let [x, _, z] = samples.of_level(0);
         assert_eq!((x.len(), z.len()), (13 * 9, 13 * 9));
         // Looking down -Z from (1, 2, 3), relative to (1, 1, 1).
@@ -331,14 +317,7 @@ mod tests {
     fn holes_have_no_samples() {
         let depth = |x: u32, _| if x < 24 { f32::NAN } else { 2.0 };
         let view = view_of(DVec3::ZERO, depth, |_, _| [9; 3], [48, 32]);
-        let samples = Samples::new(
-            &view,
-            &SampleGrid {
-                spacing_px: 4,
-                coarsest: 2,
-            },
-            DVec3::ZERO,
-        );
+        let samples = Samples::new(&view, &grid(4, 2), DVec3::ZERO);
         assert_eq!(samples.of_level(0)[0].len(), 7 * 9);
         let none = view_of(DVec3::ZERO, |_, _| f32::NAN, |_, _| [9; 3], [48, 32]);
         let samples = Samples::new(&none, &SampleGrid::default(), DVec3::ZERO);

@@ -36,7 +36,7 @@ pub(super) fn assign(grid: &mut Grid, cameras: &[TextureCamera]) {
 
 #[cfg(test)]
 mod tests {
-    pub(crate) use crate::view_geometry::tests::{frame_at, opened, plane_view, view_of};
+    pub(crate) use crate::view_geometry::tests::{frame_at, grid, opened, plane_view, view_of};
     use crate::view_geometry::{
         GeometryRenderer, GeometrySettings, PixelTriangle, SampleGrid, ViewGeometry, WaitPolicy,
     };
@@ -100,13 +100,7 @@ mod tests {
             };
             view_of(DVec3::new(x, 0.0, 0.0), depth, |_, _| [90; 3], size)
         });
-        let (_folder, geometry) = opened(
-            &views,
-            &SampleGrid {
-                spacing_px: 2,
-                coarsest: 3,
-            },
-        );
+        let (_folder, geometry) = opened(&views, &grid(2, 3));
         let (used, shown) = shown(&geometry, &GeometrySettings::default());
         assert_eq!(used[0], 0);
         let row = &shown[36 * 96..37 * 96];

@@ -52,13 +52,7 @@ fn narrow_ring(step_deg: f64, count: u32) -> Vec<LoadedView> {
 #[test]
 fn surrounding_cameras_serve_each_other() {
     let views = narrow_ring(22.5, 16);
-    let (_folder, mut geometry) = opened(
-        &views,
-        &SampleGrid {
-            spacing_px: 2,
-            coarsest: 2,
-        },
-    );
+    let (_folder, mut geometry) = opened(&views, &grid(2, 2));
     geometry.leave_out(&[0]);
     let camera = Camera::from_parts(
         views[0].pose.eye,
