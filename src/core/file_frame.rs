@@ -15,7 +15,7 @@ pub enum UpAxis {
     Z,
 }
 
-/// In files: true if Z points up.
+/// Serialised as true if Z points up.
 impl From<bool> for UpAxis {
     fn from(z_up: bool) -> Self {
         if z_up { Self::Z } else { Self::Y }

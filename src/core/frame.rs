@@ -23,8 +23,8 @@ impl Coverage {
     /// Completely covered by splats.
     pub const FULL: Self = Self(255);
 
-    /// Coverage of a pixel of which splats cover `share`, 0..=255; at least the smallest value that
-    /// is not one of the constants.
+    /// Creates the coverage of a pixel of which splats cover `share`, 0..=255; at least the
+    /// smallest value that is not one of the constants.
     pub fn from_splat_share(share: u8) -> Self {
         Self(share.max(3))
     }

@@ -8,7 +8,7 @@ pub fn median(values: impl IntoIterator<Item = f64>) -> Option<f64> {
     quantile(&sorted, 0.5)
 }
 
-/// Returns a quantile of ascending values: a share of 0..=1 of them lies below it. Interpolates
+/// Returns a quantile of ascending values: `share` (0..=1) of them lie below it. Interpolates
 /// linearly between neighbours; `None` if empty.
 pub fn quantile(ascending: &[f64], share: f64) -> Option<f64> {
     let last = ascending.len().checked_sub(1)?;

@@ -46,7 +46,7 @@ pub fn gather_quads<S: Simd>(
     let mut above = [u32x4::splat(simd, 0); LANES / 2];
     let mut below = [u32x4::splat(simd, 0); LANES / 2];
     for i in 0..LANES / 2 {
-        // In these words the compiler sees that nothing lies outside.
+        // Lets the compiler prove that all indices are in range.
         let a = (index[2 * i] as usize).min(count - 2);
         let b = (index[2 * i + 1] as usize).min(count - 2);
         above[i] = u32x4::load_array(
@@ -128,7 +128,7 @@ fn four_pairs<S: Simd>(
 
 #[inline(always)]
 fn pair<S: Simd>(simd: S, texels: &[[u16; 4]], index: u32) -> u32x4<S> {
-    // In these words the compiler sees that nothing lies outside.
+    // Lets the compiler prove that all indices are in range.
     let at = (index as usize).min(texels.len().saturating_sub(2));
     let two = texels
         .get(at..at + 2)

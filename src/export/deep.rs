@@ -3,8 +3,8 @@
 //! The six faces of the cube are stacked vertically as in OpenEXR's cubic environment maps
 //! (`ImfEnvmap.h`), whose faces are those of a cube LDI. A single face is the image of a 90-degree
 //! camera at the centre of the headbox. Colours are linear light with sRGB's primaries,
-//! premultiplied by alpha; 1 is white, and captures with a tone map exceed it. `Z` is eye depth of
-//! the face's camera, metres. The world has Y up; cameras follow OpenEXR's convention
+//! premultiplied by alpha; 1 is white, and captures that keep light above white exceed it. `Z` is
+//! eye depth of the face's camera, metres. The world has Y up; cameras follow OpenEXR's convention
 //! ([`DeepView::from_camera`]).
 
 use super::ExportError;

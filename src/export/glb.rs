@@ -21,11 +21,11 @@ use image::codecs::png::CompressionType;
 use serde_json::{Value, json};
 use std::io::Write;
 
-/// Smallest error of quadrilaterals, face pixels. If the triangle budget requires it, the error
-/// grows by steps of a factor.
+/// Smallest error bound of quadrilaterals, face pixels. Each further bound is [`GROWTH`] times the
+/// previous one; the smallest one that the triangle budget allows is used.
 const FIRST_ERROR_PX: f64 = 0.1;
 const GROWTH: f64 = 1.1;
-/// Number of steps; the last error is 60 face pixels.
+/// Number of error bounds; the last one is 60 face pixels.
 const ERRORS: i32 = 68;
 /// Error bound of plane textures for a capture without them, px.
 const PLANES_ERROR_PX: f64 = 1.0;

@@ -1,5 +1,5 @@
 //! Photographs as input: view-dependent geometry of image sets with depth, voxel colouring of image
-//! sets without, and the cache of what was computed about a set.
+//! sets without, and a cache of results about image sets.
 
 pub mod cache;
 pub mod view_geometry;

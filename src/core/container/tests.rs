@@ -1,11 +1,6 @@
 use super::*;
 
-const KIND: FileKind = FileKind {
-    tag: *b"test",
-    name: "test file",
-    version: 3,
-    oldest: 3,
-};
+const KIND: FileKind = FileKind::new(*b"test", "test file", 3, 3);
 
 fn write(dir: &Path) -> PathBuf {
     let mut writer = ContainerWriter::new(KIND);

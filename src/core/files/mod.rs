@@ -1,11 +1,11 @@
 //! Output files: the rule by which every file is written.
 //!
-//! | at the path is | what happens |
+//! | the path is | action |
 //! |---|---|
-//! | nothing | missing folders are made; the file is written under a temporary name beside it and renamed when it is whole |
+//! | nothing | missing folders are created; the file is written under a temporary name next to it and renamed when it is complete |
 //! | a regular file | it is replaced in the same way and keeps its permissions; refused if it is read-only or an input |
-//! | a symbolic link | it stays; what it leads to is written by this rule, also where that does not exist yet |
-//! | a character device, a FIFO, `/dev/stdout` | the result is made whole in an unnamed file and then streamed |
+//! | a symbolic link | it is kept; its target is written by this rule, even if that does not exist yet |
+//! | a character device, a FIFO, `/dev/stdout` | the complete result is written to an unnamed file and then streamed |
 //! | `-` | the same, to standard output |
 //! | a folder, a block device, a socket | refused |
 //!

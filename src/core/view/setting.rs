@@ -189,7 +189,7 @@ pub enum SettingError {
     /// There is no setting of this id and kind.
     #[error("there is no {kind} named \"{id}\" among the settings of this view")]
     Unknown {
-        /// The id asked for.
+        /// Requested id.
         id: String,
         /// Requested kind.
         kind: &'static str,
@@ -197,7 +197,7 @@ pub enum SettingError {
     /// There is no setting of this id.
     #[error("there is no setting \"{id}\" in this view; there are: {known}")]
     NoSuch {
-        /// The id asked for.
+        /// Requested id.
         id: String,
         /// Existing ids.
         known: String,

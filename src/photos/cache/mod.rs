@@ -24,7 +24,7 @@ use std::path::{Path, PathBuf};
 /// Name of the folder with the results about image sets.
 pub const IMAGES: &str = "images";
 
-/// A folder in the user's cache folder, `headbox/NAME`, or `None` if the system has none.
+/// Returns the folder `headbox/NAME` in the user's cache folder, or `None` if the system has none.
 pub fn folder(name: &str) -> Option<PathBuf> {
     let absolute = |name: &str| {
         std::env::var_os(name)

@@ -47,7 +47,7 @@ pub struct PhotographsJob {
     pub centre: DVec3,
     /// Half of its edge, metres.
     pub half_size_m: f64,
-    /// Pixels a side of a face.
+    /// Size of a face, pixels.
     pub face_size_px: u32,
     /// Largest standard deviation of a colour on which photographs agree, levels of 255.
     pub agreement: f32,
@@ -98,7 +98,7 @@ const MIN_VIEWS: usize = 3;
 const PHOTOGRAPHS_BYTES: u64 = 1 << 30;
 
 impl PhotographsJob {
-    /// Default of [`Self::agreement`].
+    /// Default of [`Self::agreement`], levels of 255.
     pub const AGREEMENT: f32 = 18.0;
 
     /// Suggests a cube about the camera in the densest part of the set, with the resolution of its

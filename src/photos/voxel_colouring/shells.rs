@@ -17,8 +17,8 @@ const FARTHEST: f64 = 200.0;
 /// Side of the grid of a photograph's pixels whose visibility in the others is tested.
 const GRID: usize = 5;
 
-/// Returns the eye depths of shells, metres, near to far, at which at min_views `min_views` photographs see
-/// the same point; empty if there are none.
+/// Returns the eye depths of shells, metres, near to far, at which at least `min_views` photographs
+/// see the same point; empty if there are none.
 pub(super) fn depths(photographs: &[Photograph], min_views: usize) -> Vec<f64> {
     let reach = photographs
         .iter()

@@ -26,7 +26,7 @@ use super::rows::{RowRing, across, derive, padded_len, smooth};
 use crate::metrics::magma;
 use crate::simd;
 
-/// Default viewing condition: a display 3840 pixels and 0.7 m wide, filtered from 0.7 m:
+/// Default viewing condition: a display 3840 pixels and 0.7 m wide, seen from 0.7 m:
 /// `3840 pi / 180` pixels per degree.
 pub const DEFAULT_PIXELS_PER_DEGREE: f32 = 67.020_64;
 
@@ -53,10 +53,10 @@ impl FlipMap {
     }
 }
 
-/// Computes the per-pixel LDR-FLIP of two images filtered at `pixels_per_degree` of visual angle.
+/// Computes the per-pixel LDR-FLIP of two images seen at `pixels_per_degree` of visual angle.
 ///
 /// # Errors
-/// When the sizes differ, the images have no pixels, or `pixels_per_degree` is outside
+/// If the sizes differ, the images have no pixels, or `pixels_per_degree` is outside
 /// [`MIN_PIXELS_PER_DEGREE`]..=[`MAX_PIXELS_PER_DEGREE`].
 pub fn flip_map(
     reference: &RgbImage,
@@ -167,7 +167,7 @@ impl FlipContext {
 /// Filter state of one of the two images within a band.
 struct BandImage<'a> {
     image: &'a RgbImage,
-    /// Row of linear opponent color, its ends repeated on both images.
+    /// Row of linear opponent color, its ends repeated on both sides.
     padded: [Vec<f32>; 3],
     ring: RowRing<f32>,
     /// Row that is filtered in both directions.

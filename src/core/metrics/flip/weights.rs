@@ -33,7 +33,7 @@ pub(super) struct FilterWeights {
 
 impl FilterWeights {
     pub(super) fn new(pixels_per_degree: f64) -> Self {
-        // All radii are three standard deviations of the widest Gaussian.
+        // All contrast filters have a radius of three standard deviations of the widest Gaussian.
         let widest = BLUE_YELLOW[0].1.max(BLUE_YELLOW[1].1);
         let radius = (3.0 * (widest / (2.0 * PI * PI)).sqrt() * pixels_per_degree).ceil() as usize;
         let half = |scale: f64, amplitude: f64| -> Vec<f64> {

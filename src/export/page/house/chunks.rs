@@ -5,8 +5,8 @@
 //! byte planes (all lowest bytes, then the next, and so on), one array after the other:
 //!
 //! ```text
-//! corners     u16 three a triangle: how far back from the first vertex that no corner has vertices yet
-//! positions   i32 x, then y, then z: steps of POSITION_STEP_M, each the zigzag of what it is more than that of the vertex before
+//! corners     u16 three a triangle: distance back from the first vertex that no corner has used yet
+//! positions   i32 x, then y, then z: steps of POSITION_STEP_M, each the zigzag of its difference from the previous vertex
 //! colours     u16 red, then green, then blue: binary16, likewise
 //! texcoords   u32 u, then v: binary32, likewise; only where a material has a texture
 //! ```

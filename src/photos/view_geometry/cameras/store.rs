@@ -173,7 +173,7 @@ impl PictureStore {
             .map(|loaded| Arc::clone(&loaded.picture))
     }
 
-    /// Time since an image was loaded, seconds.
+    /// Returns the time since an image was loaded, seconds.
     pub(crate) fn age_s(&self, camera: u32) -> Option<f32> {
         self.shared
             .lock()
@@ -182,7 +182,7 @@ impl PictureStore {
             .map(|loaded| loaded.since.elapsed().as_secs_f32())
     }
 
-    /// Images that can no longer be read: a sentence each.
+    /// Returns the reasons why images can no longer be read, a sentence each.
     pub(crate) fn lost(&self) -> Vec<String> {
         self.shared.lock().lost.values().cloned().collect()
     }
