@@ -63,9 +63,9 @@ impl Stacks {
             while let Some(piece) = rest.next_if(|piece| piece.at == at) {
                 stacks.push_behind(Deep::new(1.0 / piece.inverse_depth, piece.color_srgb, tone));
             }
-            sky.into_iter().for_each(|[r, g, b]| {
-                stacks.push_behind(Deep::new(distance, [r, g, b, 255], tone))
-            });
+            if let Some([r, g, b]) = sky {
+                stacks.push_behind(Deep::new(distance, [r, g, b, 255], tone));
+            }
             stacks.offsets.push(stacks.samples.len() as u32);
         }
         stacks
