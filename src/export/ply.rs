@@ -1,7 +1,7 @@
 //! PLY files of points, and the header of all PLY files.
 
 use super::ExportError;
-use crate::surfels;
+use super::surfels::surfels;
 use headbox_cube::pack::CubeLdi;
 use std::io::Write;
 
@@ -15,36 +15,24 @@ pub fn write_points(cube: &CubeLdi, to: &mut dyn Write) -> Result<(), ExportErro
     ]
     .into_iter();
     let colors = ["uchar red", "uchar green", "uchar blue", "uchar alpha"];
-    write_header(
-        to,
-        cube,
-        surfels::count(cube, false),
-        properties.chain(colors),
-    )?;
-    surfels::for_each(cube, false, &mut |surfel| {
-        let mut bytes = Vec::with_capacity(40);
+    write_header(to, cube, false, properties.chain(colors))?;
+    for surfel in surfels(cube, false) {
         let position = cube.info.centre + surfel.position;
-        bytes.extend(position.to_array().iter().flat_map(|c| c.to_le_bytes()));
-        bytes.extend(
-            surfel
-                .normal
-                .as_vec3()
-                .to_array()
-                .iter()
-                .flat_map(|c| c.to_le_bytes()),
-        );
-        bytes.extend(surfel.color_srgb);
-        to.write_all(&bytes)
-    })?;
+        to.write_all(bytemuck::bytes_of(&position))?;
+        to.write_all(bytemuck::bytes_of(&surfel.normal.as_vec3()))?;
+        to.write_all(&surfel.color_srgb)?;
+    }
     Ok(())
 }
 
+/// Writes the header of a file with a vertex for each of [`surfels`].
 pub(super) fn write_header<'a>(
     to: &mut dyn Write,
     cube: &CubeLdi,
-    count: u64,
+    sky: bool,
     properties: impl Iterator<Item = &'a str>,
 ) -> Result<(), ExportError> {
+    let count = surfels(cube, sky).count();
     if count == 0 {
         return Err(ExportError::Empty);
     }

@@ -5,9 +5,8 @@
 //! trained splats.
 
 use super::ExportError;
-use super::surfels::{Ellipse, Surfel};
+use super::surfels::{Ellipse, Surfel, surfels};
 use crate::ply;
-use crate::surfels;
 use glam::{Mat3, Quat, Vec3};
 use headbox_cube::pack::CubeLdi;
 use std::io::Write;
@@ -33,20 +32,11 @@ pub fn write_ply(cube: &CubeLdi, to: &mut dyn Write) -> Result<(), ExportError> 
         .split(' ')
         .map(|name| format!("float {name}"))
         .collect();
-    ply::write_header(
-        to,
-        cube,
-        surfels::count(cube, true),
-        properties.iter().map(String::as_str),
-    )?;
-    surfels::for_each(cube, true, &mut |surfel| {
-        to.write_all(
-            &Gaussian::new(&surfel)
-                .values()
-                .map(f32::to_le_bytes)
-                .concat(),
-        )
-    })?;
+    ply::write_header(to, cube, true, properties.iter().map(String::as_str))?;
+    for surfel in surfels(cube, true) {
+        let values = Gaussian::new(&surfel).values();
+        to.write_all(&values.map(f32::to_le_bytes).concat())?;
+    }
     Ok(())
 }
 

@@ -5,7 +5,6 @@ use glam::{DVec3, Vec3};
 use headbox_core::cube_face::Face;
 use headbox_cube::pack::CubeLdi;
 use headbox_cube::render::footprint::rules::MAX_SLOPE;
-use std::io;
 
 /// Surface element of one sample.
 pub(super) struct Surfel {
@@ -72,107 +71,70 @@ pub(super) fn straight([r, g, b, a]: [u8; 4]) -> [u8; 4] {
     [divide(r), divide(g), divide(b), a]
 }
 
-/// Counts the surfels of [`for_each`].
-pub(super) fn count(cube: &CubeLdi, sky: bool) -> u64 {
-    let mut count = 0;
-    // Counting cannot fail.
-    let _ = for_each(cube, sky, &mut |_| {
-        count += 1;
-        Ok(())
-    });
-    count
+/// Iterates over all samples, all texels of plane textures, and with `sky` those of the environment,
+/// at a large distance.
+pub(super) fn surfels(cube: &CubeLdi, sky: bool) -> impl Iterator<Item = Surfel> {
+    let environment = sky.then(|| environment(cube)).into_iter().flatten();
+    samples(cube).chain(texels(cube)).chain(environment)
 }
 
-/// Visits all samples, all texels of plane textures, and with `sky` those of the environment, at a
-/// large distance.
-pub(super) fn for_each(
-    cube: &CubeLdi,
-    sky: bool,
-    to: &mut dyn FnMut(Surfel) -> io::Result<()>,
-) -> io::Result<()> {
-    samples(cube, to)?;
-    texels(cube, to)?;
-    if sky { environment(cube, to) } else { Ok(()) }
-}
-
-fn samples(cube: &CubeLdi, to: &mut dyn FnMut(Surfel) -> io::Result<()>) -> io::Result<()> {
+fn samples(cube: &CubeLdi) -> impl Iterator<Item = Surfel> {
     let face_px = cube.face_size_px;
-    for segment in &cube.segments {
-        for y in 0..segment.height {
-            for x in 0..segment.width {
-                let d = segment.face.direction(
-                    f64::from(segment.x0 + x) + 0.5,
-                    f64::from(segment.y0 + y) + 0.5,
-                    face_px,
-                );
-                for pixel in segment.pixel(x, y) {
-                    let found = segment.decode(cube.layout, *pixel);
-                    let q = found.inverse_depth.max(f64::MIN_POSITIVE);
-                    to(Surfel::new(
-                        segment.face,
-                        face_px,
-                        d,
-                        q,
-                        found.normal,
-                        found.color_srgb,
-                    ))?;
-                }
-            }
-        }
-    }
-    Ok(())
+    cube.segments.iter().flat_map(move |segment| {
+        let pixels = (0..segment.height).flat_map(|y| (0..segment.width).map(move |x| (x, y)));
+        pixels.flat_map(move |(x, y)| {
+            let d = segment.face.direction(
+                f64::from(segment.x0 + x) + 0.5,
+                f64::from(segment.y0 + y) + 0.5,
+                face_px,
+            );
+            segment.pixel(x, y).iter().map(move |pixel| {
+                let found = segment.decode(cube.layout, *pixel);
+                let q = found.inverse_depth.max(f64::MIN_POSITIVE);
+                Surfel::new(segment.face, face_px, d, q, found.normal, found.color_srgb)
+            })
+        })
+    })
 }
 
-fn texels(cube: &CubeLdi, to: &mut dyn FnMut(Surfel) -> io::Result<()>) -> io::Result<()> {
-    let (set, face_px, min_inverse_depth) =
-        (&cube.planes, cube.face_size_px, min_inverse_depth(cube));
-    for tile in &set.tiles {
-        let (Some(plane), Some(texels)) = (
-            set.planes.get(tile.plane as usize),
-            set.texels.get(tile.texel_range()),
-        ) else {
-            continue;
-        };
+fn texels(cube: &CubeLdi) -> impl Iterator<Item = Surfel> {
+    let set = &cube.planes;
+    let face_px = cube.face_size_px;
+    let min_inverse_depth = min_inverse_depth(cube);
+    let tiles = set.tiles.iter().filter_map(|tile| {
+        let plane = set.planes.get(tile.plane as usize)?;
+        Some((tile, plane, set.texels.get(tile.texel_range())?))
+    });
+    tiles.flat_map(move |(tile, plane, texels)| {
         let face = Face::ALL[usize::from(tile.face) % 6];
         let n = plane.normal_per_distance.as_dvec3();
         let [q, along_x, along_y] = plane.inverse_depth(face, face_px);
-        for (i, texel) in texels.iter().enumerate().filter(|(_, texel)| texel[3] > 0) {
+        let visible = texels.iter().enumerate().filter(|(_, texel)| texel[3] > 0);
+        visible.map(move |(i, texel)| {
             let (column, row) = (i % usize::from(tile.width), i / usize::from(tile.width));
             let x = f64::from(tile.x0) + column as f64 + 0.5;
             let y = f64::from(tile.y0) + row as f64 + 0.5;
             let d = face.direction(x, y, face_px);
             let normal = -n.try_normalize().unwrap_or(d.normalize());
             let q = (q + along_x * x + along_y * y).max(min_inverse_depth);
-            to(Surfel::new(face, face_px, d, q, normal, straight(*texel)))?;
-        }
-    }
-    Ok(())
+            Surfel::new(face, face_px, d, q, normal, straight(*texel))
+        })
+    })
 }
 
-fn environment(cube: &CubeLdi, to: &mut dyn FnMut(Surfel) -> io::Result<()>) -> io::Result<()> {
-    let (size_px, q) = (cube.environment.size_px, 1.0 / environment_distance(cube));
+fn environment(cube: &CubeLdi) -> impl Iterator<Item = Surfel> {
+    let size_px = cube.environment.size_px;
+    let q = 1.0 / environment_distance(cube);
     let per_face = size_px as usize * size_px as usize;
-    let known = cube
-        .environment
-        .texels
-        .iter()
-        .enumerate()
-        .filter(|(_, texel)| texel[3] > 0);
-    for (i, color_srgb) in known {
+    let texels = cube.environment.texels.iter().enumerate();
+    let known = texels.filter(|(_, texel)| texel[3] > 0);
+    known.map(move |(i, color_srgb)| {
         let x = (i % per_face) as u32 % size_px;
         let y = (i % per_face) as u32 / size_px;
         let face = Face::ALL[(i / per_face) % 6];
         let d = face.direction(f64::from(x) + 0.5, f64::from(y) + 0.5, size_px);
-        to(Surfel::new(
-            face,
-            size_px,
-            d,
-            q,
-            -d.normalize(),
-            *color_srgb,
-        ))?;
-    }
-    Ok(())
+        Surfel::new(face, size_px, d, q, -d.normalize(), *color_srgb)
+    })
 }
 
 /// Gaussian on a surface: the axes of its ellipse and the normal, orthonormal and right-handed, and
