@@ -170,7 +170,7 @@ impl PhotographsJob {
 
     /// Prepares the photographs and the eye depths of the shells, metres.
     fn prepare(&self, views: Vec<LoadedView>) -> (Vec<Photograph>, Vec<f64>) {
-        let dark = self.backdrop_level(&views);
+        let dark = self.dark(&views);
         let photographs: Vec<Photograph> = views
             .into_iter()
             .filter_map(|view| Photograph::new(view, self.centre, dark))
@@ -216,7 +216,7 @@ impl PhotographsJob {
     }
 
     /// Returns the level up to which pixels of these views show background, if there is one.
-    fn backdrop_level(&self, views: &[LoadedView]) -> Option<u8> {
+    pub fn dark(&self, views: &[LoadedView]) -> Option<u8> {
         match self.backdrop {
             Backdrop::None => None,
             Backdrop::Dark(level) => Some(level),

@@ -96,7 +96,7 @@ type Candidate = (usize, u32, u32);
 
 impl<'a> Oracle<'a> {
     fn new(job: &'a PhotographsJob, views: &'a [LoadedView]) -> Self {
-        let dark = job.backdrop_level(views).expect("a dark backdrop");
+        let dark = job.dark(views).expect("a dark backdrop");
         let [width, height] = SIZE.map(i64::from);
         let is_dark = |view: &LoadedView, x: i64, y: i64| {
             let outside = x < 0 || y < 0 || x >= width || y >= height;
