@@ -151,7 +151,7 @@ mod tests {
     }
 
     #[test]
-    fn the_sun_stands_where_it_is_put() {
+    fn sun_direction_matches_parameters() {
         let close = |a: Option<Vec3>, b: Vec3| a.is_some_and(|a| (a - b).length() < 1e-6);
         assert!(close(direction("0,0", UpAxis::Y), Vec3::NEG_Z), "north");
         assert!(close(direction("90,0", UpAxis::Y), Vec3::X), "east");
@@ -177,7 +177,7 @@ mod tests {
     }
 
     #[test]
-    fn files_say_nothing_of_what_was_not_asked_for() {
+    fn defaults_are_not_serialised() {
         assert_eq!(
             serde_json::to_string(&LightParameters::default()).expect("json"),
             "{}"

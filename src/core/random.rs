@@ -102,7 +102,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_are_those_of_splitmix64() {
+    fn numbers_match_splitmix64() {
         // The first three of the reference implementation (Vigna 2015) from state 1234567.
         let mut rng = Rng::keyed(1_234_567);
         let expected = [

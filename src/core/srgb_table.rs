@@ -95,7 +95,7 @@ mod tests {
     use fearless_simd::dispatch;
 
     #[test]
-    fn the_table_agrees_with_the_curve() {
+    fn table_matches_curve() {
         let table = SrgbTable::get();
         let sixteen = |value: f32| {
             dispatch!(fearless_simd::Level::new(), simd => {

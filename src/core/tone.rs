@@ -86,7 +86,7 @@ mod tests {
     }
 
     #[test]
-    fn steps_are_as_coarse_as_is_said() {
+    fn level_steps_match_documentation() {
         let step = |around: f32| {
             let tone = ToneMap::SrgbCompressed;
             let level = tone.level(around);

@@ -74,7 +74,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn no_picture_covers_another() {
+    fn packed_images_do_not_overlap() {
         let sizes = [
             (4096, 3000),
             (2000, 1500),

@@ -301,7 +301,7 @@ mod tests {
 
     /// Parsed by Matroska's own element numbers: the projection, and the half for each eye.
     #[test]
-    fn films_in_webm_say_what_surrounds_the_eye() {
+    fn webm_films_declare_projection() {
         let folder = tempfile::tempdir().unwrap();
         for (view, size, stereo, beside) in [
             (View::Panorama, [64, 32], None, 0u32),

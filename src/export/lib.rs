@@ -155,7 +155,7 @@ mod tests {
     }
 
     #[test]
-    fn files_of_gigabytes_are_refused_with_the_limit() {
+    fn oversized_captures_are_refused() {
         let cube = of_texels((1 << 28) + 1);
         let mut out = Vec::new();
         let errors = [

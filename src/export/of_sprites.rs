@@ -269,7 +269,7 @@ mod tests {
     }
 
     #[test]
-    fn the_cube_shows_what_the_sprites_show() {
+    fn cube_matches_sprites() {
         let set = set();
         let cube = cube(&set).unwrap();
         assert!(!cube.planes.tiles.is_empty());

@@ -119,7 +119,7 @@ mod tests {
     const LEVELS: u8 = 3;
 
     #[test]
-    fn every_direction_is_where_it_belongs() {
+    fn panorama_shows_every_direction() {
         let color = |d: DVec3| (d.normalize() * 100.0 + 128.0).to_array().map(|c| c as u8);
         let camera = Camera::look_at(
             DVec3::ONE,
@@ -151,7 +151,7 @@ mod tests {
     }
 
     #[test]
-    fn the_half_before_the_eye_is_the_middle_of_all() {
+    fn half_sphere_is_middle_of_panorama() {
         let camera = Camera::look_at(
             DVec3::ONE,
             DVec3::new(2.0, 1.4, 0.5),

@@ -92,7 +92,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn colours_are_the_light_that_was_stored() {
+    fn colours_match_stored_light() {
         for (tone, brightest) in [
             (ToneMap::SrgbClipped, 1.0),
             (ToneMap::SrgbCompressed, ToneMap::BRIGHTEST),

@@ -247,7 +247,7 @@ mod tests {
     }
 
     #[test]
-    fn without_distance_both_eyes_see_the_panorama() {
+    fn zero_eye_distance_gives_panorama() {
         let camera = Camera::look_at(
             DVec3::ONE,
             DVec3::new(2.0, 1.4, 0.5),
@@ -276,7 +276,7 @@ mod tests {
     }
 
     #[test]
-    fn the_left_eye_is_on_the_left() {
+    fn left_eye_is_on_the_left() {
         let camera = Camera::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, 60.0, [4, 3]).unwrap();
         for (view, size, right) in [
             (View::SideBySide(0.5), (8, 3), 6),

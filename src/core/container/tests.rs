@@ -14,7 +14,7 @@ fn write(dir: &Path) -> PathBuf {
 }
 
 #[test]
-fn sections_come_back() {
+fn sections_round_trip() {
     let dir = tempfile::tempdir().unwrap();
     let file = Container::open(&write(dir.path()), KIND).unwrap();
     let mut numbers = file.section("numbers").unwrap();

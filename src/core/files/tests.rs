@@ -63,7 +63,7 @@ fn folders_are_created_on_first_write() {
 }
 
 #[test]
-fn inputs_are_refused_by_whatever_name() {
+fn inputs_are_refused_under_any_name() {
     let dir = tempfile::tempdir().unwrap();
     let at = |name: &str| dir.path().join(name);
     write(at("scene.obj"), "precious").unwrap();
@@ -142,7 +142,7 @@ mod unix {
     }
 
     #[test]
-    fn links_stay_and_what_they_lead_to_is_written() {
+    fn links_are_kept_and_targets_written() {
         let dir = tempfile::tempdir().unwrap();
         let at = |name: &str| dir.path().join(name);
         fs::create_dir(at("deep")).unwrap();

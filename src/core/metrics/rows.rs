@@ -181,7 +181,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn both_directions_see_the_same_neighbors() {
+    fn both_directions_use_same_neighbors() {
         let padded: Vec<f32> = (0..16 + 6).map(|i| (i * i) as f32).collect();
         let neighbors = across(&padded, 2, 16);
         assert_eq!(neighbors.len(), 5);

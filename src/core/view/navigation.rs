@@ -110,7 +110,7 @@ mod tests {
     use glam::dvec3;
 
     #[test]
-    fn the_plan_knows_the_room() {
+    fn room_contains_eye() {
         let room = |name: &str, outline: &[[f64; 2]]| Room {
             name: name.into(),
             outline: outline.to_vec(),

@@ -119,7 +119,7 @@ mod tests {
     const TOPS: Tops = [1.0, 2.0, 4.0, 8.0, 16.0, 32.0];
 
     #[test]
-    fn classes_end_where_the_legend_says() {
+    fn classes_match_legend() {
         let of = |value| {
             CLASSES
                 .iter()

@@ -239,7 +239,7 @@ mod tests {
     use std::collections::HashSet;
 
     #[test]
-    fn modules_share_one_scope_without_a_clash() {
+    fn modules_declare_each_name_once() {
         for modules in [
             cube::MODULES,
             house::MODULES,

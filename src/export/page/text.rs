@@ -68,7 +68,7 @@ mod tests {
     }
 
     #[test]
-    fn base64_is_that_of_rfc_4648() {
+    fn base64_matches_rfc_4648() {
         for (bytes, expected) in [
             ("", ""),
             ("f", "Zg=="),
@@ -81,7 +81,7 @@ mod tests {
     }
 
     #[test]
-    fn bytes_survive_as_text_that_a_page_keeps() {
+    fn encoded_bytes_round_trip() {
         for length in [0, 1, 6, 7, 8, 1000] {
             let bytes: Vec<u8> = (0..length)
                 .map(|i: u32| (i.wrapping_mul(2_654_435_761) >> 13) as u8)

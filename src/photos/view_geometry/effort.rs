@@ -79,7 +79,7 @@ mod tests {
     }
 
     #[test]
-    fn frames_come_in_time_and_no_worse_than_that() {
+    fn budget_is_met_at_highest_quality() {
         let full = GeometrySettings::default();
         // What is asked for is in time, or some step is.
         for (of_full_ms, is_full) in [(10.0, true), (19.0, true), (26.0, false), (33.0, false)] {

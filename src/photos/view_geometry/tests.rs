@@ -134,7 +134,7 @@ fn plane_is_exact_between_cameras() {
 }
 
 #[test]
-fn pixels_are_those_of_the_slow_way() {
+fn pixels_match_f64_oracle() {
     // A slanted floor, seen by cameras whose pictures differ in colour, so that who is blended how
     // much shows.
     let eyes = [
@@ -325,7 +325,7 @@ fn same_bytes_on_any_threads_and_level() {
 }
 
 #[test]
-fn frames_after_others_hold_nothing_of_them() {
+fn reused_buffers_leave_no_trace() {
     let (_folder, geometry) = opened(
         &[DVec3::ZERO, DVec3::X * 0.2].map(|eye| plane_view(eye, 3.0, SIZE)),
         &DEFAULT,

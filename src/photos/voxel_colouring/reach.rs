@@ -88,7 +88,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn skipped_pixels_are_in_no_photograph() {
+    fn seen_range_contains_every_visible_pixel() {
         let (side, size) = (23, [40.0, 30.0]);
         let inside = |h: Vec3| {
             h.z > 0.0 && h.x >= 0.0 && h.y >= 0.0 && h.x < size[0] * h.z && h.y < size[1] * h.z
@@ -119,7 +119,7 @@ mod tests {
     }
 
     #[test]
-    fn so_many_ranges_overlap_here() {
+    fn overlap_bounds_ranges() {
         let ranges = [2..9, 4..12, 5..6, 30..31];
         assert_eq!(overlap(ranges.iter(), 1), 2..31);
         assert_eq!(overlap(ranges.iter(), 2), 4..12);

@@ -250,7 +250,7 @@ impl<'a> Oracle<'a> {
 const ROUNDED: f64 = 0.02;
 
 #[test]
-fn the_sweep_is_what_its_definition_says() {
+fn sweep_matches_definition() {
     let (job, views) = (job(48), photographs());
     let (_, depths) = job.prepare(views.clone());
     let depths: Vec<f64> = depths.into_iter().step_by(2).collect();
@@ -338,7 +338,7 @@ fn ball_is_reconstructed() {
 }
 
 #[test]
-fn threads_do_not_matter() {
+fn result_is_independent_of_threads() {
     let (job, views) = (job(72), photographs());
     let on = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new()

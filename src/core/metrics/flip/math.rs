@@ -78,7 +78,7 @@ mod tests {
     const POWER_ERROR: f64 = 8.5e-7;
 
     #[test]
-    fn roots_and_powers_are_those_of_f64() {
+    fn roots_and_powers_match_f64() {
         let level = Level::new();
         for i in 0..100_000 {
             let x = (f64::from(i) * 3.5e-4 - 19.5).exp2() as f32;

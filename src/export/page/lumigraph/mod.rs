@@ -163,7 +163,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn corners_come_first_and_every_camera_once() {
+    fn rounds_start_with_corners_and_cover_grid() {
         for [columns, rows] in [[1, 1], [1, 5], [2, 2], [4, 4], [8, 3], [7, 9]] {
             let (mut known, rounds) = (Vec::new(), rounds([columns, rows]));
             for ImageRound { lines, new } in &rounds {

@@ -71,7 +71,7 @@ mod tests {
     }
 
     #[test]
-    fn stored_numbers_come_back_in_every_format() {
+    fn displacements_round_trip_in_every_format() {
         let mut random = Rng::keyed(20);
         let (width, height) = (37, 19);
         let wild: Vec<f32> = (0..width * height)

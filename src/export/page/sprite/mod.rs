@@ -186,7 +186,7 @@ mod tests {
     }
 
     #[test]
-    fn no_sprite_is_no_page() {
+    fn empty_sprite_set_is_refused() {
         assert!(matches!(
             Page::of_sprites(&SpriteSet::new(Vec::new()), "none"),
             Err(ExportError::Empty)

@@ -284,7 +284,7 @@ mod tests {
     }
 
     #[test]
-    fn pictures_used_longest_ago_make_room() {
+    fn least_recently_used_images_are_evicted() {
         let folder = tempfile::tempdir().expect("a folder");
         let views = views(6, folder.path());
         let one = Picture::new(&views[0].load().expect("loads")).bytes();

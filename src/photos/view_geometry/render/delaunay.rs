@@ -357,7 +357,7 @@ mod tests {
     }
 
     #[test]
-    fn the_mesh_is_that_of_a_general_triangulation() {
+    fn mesh_matches_general_triangulation() {
         for seed in 0..6 {
             // Of one strip, and of several.
             let grid = scattered(if seed < 3 { [60, 44] } else { [40, 205] }, 4.0, seed);

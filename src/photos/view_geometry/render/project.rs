@@ -162,7 +162,7 @@ mod tests {
     const POSITION: f64 = 0.01;
 
     #[test]
-    fn hits_are_those_of_one_by_one_at_every_level() {
+    fn hits_equal_scalar_at_every_level() {
         let frame = frame_at(DVec3::new(0.1, -0.2, 0.5), [64, 48]);
         let lattice = Lattice::new(frame.width(), frame.height(), 4.0);
         // An odd count, with points behind, at the eye and nowhere.

@@ -210,7 +210,7 @@ mod tests {
     const TOLERANCE: f64 = 1e-9;
 
     #[test]
-    fn ranking_is_that_of_the_formulas() {
+    fn ranking_matches_formulas() {
         let eyes: Vec<DVec3> = (0..40u32)
             .map(|i| {
                 let [a, b] = [i * 7 % 13, i * 5 % 11].map(|n| f64::from(n) / 10.0 - 0.6);
