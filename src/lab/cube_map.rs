@@ -1,5 +1,4 @@
-//! The baseline without depth: a ray-traced cube map of the LDI's own resolution, looked up
-//! bilinearly.
+//! The baseline without depth: a ray-traced cube map at the LDI's resolution with bilinear lookup.
 
 use glam::DVec3;
 use headbox_core::camera::Camera;
@@ -13,15 +12,15 @@ use headbox_trace::truth;
 use image::RgbImage;
 use rayon::prelude::*;
 
-/// Six images around one point; faces that no camera needed are absent.
+/// Cube map about one point; faces that no camera needs are absent.
 pub struct CubeMap {
     size_px: u32,
     faces: [Option<RgbImage>; 6],
 }
 
 impl CubeMap {
-    /// Traces the faces that some of the `cameras` see about `centre` (world), with `samples` rays
-    /// per texel.
+    /// Traces the faces about `centre` (world) that the `cameras` see, with `samples` rays per
+    /// texel.
     pub fn trace_for(
         tracer: &Tracer,
         lighting: &Lighting,
@@ -54,13 +53,13 @@ impl CubeMap {
         }
     }
 
-    /// Bytes of six faces.
+    /// Returns the size of six faces, bytes.
     pub fn bytes(&self) -> u64 {
         6 * 3 * u64::from(self.size_px).pow(2)
     }
 
-    /// The frame of a camera, as if its eye were at the centre: one bilinear look-up per pixel, in
-    /// linear light, clamped at the borders of faces.
+    /// Renders the frame of a camera as if its eye were at the centre: one bilinear lookup per
+    /// pixel, in linear light, clamped at the borders of faces.
     pub fn resample(&self, camera: &Camera) -> RgbImage {
         let (width, height) = (camera.width(), camera.height());
         let mut pixels = vec![0u8; 3 * width as usize * height as usize];

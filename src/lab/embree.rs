@@ -1,7 +1,8 @@
-//! The rival of a frame: primary rays of the same camera by Embree, in a process of its own.
+//! Embree as a baseline: primary rays of the same camera, traced in a separate process.
 //!
-//! The variable [`PROGRAM`] names the program, made of `benches/rivals/embree.cpp`, whose head says
-//! how it is built and spoken to. Nothing here links to Embree, so that nobody needs it.
+//! The environment variable [`PROGRAM`] names the program, built from `benches/rivals/embree.cpp`,
+//! whose header documents the build and the protocol. Nothing here links to Embree, so that it
+//! remains optional.
 
 use headbox_core::camera::Camera;
 use headbox_trace::bvh::Tracer;
@@ -9,35 +10,35 @@ use std::ffi::OsStr;
 use std::io::{BufRead, BufReader, Error, Write};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 
-/// The environment variable with the path of the program.
+/// Environment variable with the path of the program.
 pub const PROGRAM: &str = "HEADBOX_EMBREE";
 
-/// A scene in Embree's hands. The process ends with it.
+/// An Embree process with a scene. Dropping it ends the process.
 pub struct Embree {
     child: Child,
     cameras: ChildStdin,
     answers: BufReader<ChildStdout>,
     origin: glam::DVec3,
-    /// Its version, as it says.
+    /// Embree's version, as reported by the program.
     pub version: String,
 }
 
 /// Time and hits of a traced frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RayFrame {
-    /// Milliseconds of the fastest way to ask.
+    /// Time of the fastest kind of query, ms.
     pub ms: f64,
-    /// Pixels whose ray meets a triangle.
+    /// Number of pixels whose ray hits a triangle.
     pub hits: u64,
 }
 
 impl Embree {
-    /// Gives a tracer's triangles to `program`, which uses `threads`.
+    /// Starts `program` with a tracer's triangles and a number of threads.
     ///
     /// # Errors
-    /// The system's, if the program does not start or does not answer.
+    /// An error of the system, if the program does not start or does not answer.
     pub fn start(program: &OsStr, tracer: &Tracer, threads: usize) -> Result<Self, Error> {
-        // The program has read the file when it answers; then the folder goes.
+        // The program answers after it has read the file; then the folder is deleted.
         let folder = tempfile::tempdir()?;
         let path = folder.path().join("triangles");
         std::fs::write(&path, triangles(tracer))?;
@@ -65,8 +66,7 @@ impl Embree {
     /// Traces a frame.
     ///
     /// # Errors
-    /// The system's, if the program has ended, and one that says what it answered, if that is not
-    /// what it should.
+    /// An error of the system, if the program has ended, or an error with an invalid answer.
     pub fn trace(&mut self, camera: &Camera) -> Result<RayFrame, Error> {
         let axes = camera.world_from_eye();
         let vectors = [
@@ -97,6 +97,7 @@ impl Embree {
         }
     }
 
+    /// Reads a line of the program's output.
     fn answer(&mut self) -> Result<String, Error> {
         let mut line = String::new();
         match self.answers.read_line(&mut line)? {
@@ -114,7 +115,7 @@ impl Drop for Embree {
     }
 }
 
-/// The scene as the program reads it; positions are those of the tracer.
+/// Serialises the triangles for the program, with positions in the tracer's frame.
 fn triangles(tracer: &Tracer) -> Vec<u8> {
     let scene = tracer.scene();
     let local = scene
@@ -147,8 +148,7 @@ mod tests {
         (Tracer::new(scene, centre), camera)
     }
 
-    /// A stand-in that counts what it is given, so that the conversation is tested where there is
-    /// no Embree.
+    /// A substitute program that counts its input tests the protocol without Embree.
     #[cfg(unix)]
     #[test]
     fn frames_are_asked_for_and_answers_understood() {

@@ -1,4 +1,4 @@
-//! Shared parts of measuring held-out views: a row of the report, a judged frame, and errors.
+//! Common parts of leave-one-out tests: rows of the report, frames, and their errors.
 
 use crate::stats::{Spread, pooled_psnr_db};
 use crate::table::percent;
@@ -12,25 +12,25 @@ use headbox_photos::view_geometry::GeometryError;
 use image::{Rgb, RgbImage};
 use serde::Serialize;
 
-/// Why a set could not be measured.
+/// Error of a leave-one-out test.
 #[derive(Debug, thiserror::Error)]
 pub enum HoldOutError {
     /// A view could not be read.
     #[error(transparent)]
     Images(#[from] ImagesError),
-    /// Depth could not be found.
+    /// Depth could not be estimated.
     #[error(transparent)]
     Depth(#[from] DenseDepthError),
     /// A cube could not be packed.
     #[error(transparent)]
     Pack(#[from] PackError),
-    /// There is no view-dependent geometry.
+    /// View-dependent geometry could not be opened.
     #[error(transparent)]
     Geometry(#[from] GeometryError),
-    /// Depth that is found has nowhere to lie.
+    /// The folder for estimated depth could not be created.
     #[error("no folder for what is found on the way can be made: {0}")]
     Folder(std::io::Error),
-    /// There is nothing to leave out.
+    /// The set has too few views to leave one out.
     #[error("{found} {what}: at least {least} are needed, so that one can be left out")]
     TooFew {
         /// Number found.
@@ -42,56 +42,56 @@ pub enum HoldOutError {
     },
 }
 
-/// One way to show one view that was left out.
+/// Errors and costs of one variant at one left-out view.
 #[derive(Clone, Debug, Serialize)]
-pub struct HeldOut {
-    /// The set.
+pub struct HeldOutRow {
+    /// Folder of the set.
     pub scene: String,
-    /// The way it was shown.
+    /// Name of the variant.
     pub variant: &'static str,
-    /// The view that was left out.
+    /// Name of the left-out view.
     pub view: String,
-    /// Against the photograph, over the pixels that are judged, dB.
+    /// PSNR against the photograph over the compared pixels, dB.
     pub psnr_db: f64,
-    /// Mean FLIP there.
+    /// Mean FLIP over the compared pixels.
     pub flip: f64,
-    /// Mean absolute difference there, levels of 255 (E12).
+    /// Mean absolute difference over the compared pixels, levels of 255 (E12).
     pub mad: f64,
-    /// The same near depth edges of the view, which is what the paper's crop shows (C28); NaN
-    /// without any.
+    /// Mean absolute difference near depth edges of the view, as in the paper's crop (C28); NaN
+    /// without edges.
     pub mad_at_edges: f64,
     /// Share of the photograph's pixels that this variant covers.
     pub covered: f64,
     /// Wall time of a frame, ms.
     pub frame_ms: f64,
-    /// From files to what frames are drawn from, by the clock, ms.
+    /// Wall time from files to a renderable representation, ms.
     pub build_ms: f64,
-    /// The same from images in memory, for what is made anew as one moves (S24); NaN for what is
-    /// not.
+    /// Wall time to rebuild it from images in memory, ms, if this happens during movement (S24);
+    /// NaN otherwise.
     pub rebuild_ms: f64,
-    /// Memory of that, bytes.
+    /// Memory of the representation, bytes.
     pub bytes: u64,
 }
 
-/// The rows of one variant.
-pub(super) struct Rows<'a>(Vec<&'a HeldOut>);
+/// Rows of one variant.
+pub(super) struct VariantRows<'a>(Vec<&'a HeldOutRow>);
 
-impl<'a> Rows<'a> {
-    pub(super) fn of(rows: &'a [HeldOut], variant: &str) -> Self {
+impl<'a> VariantRows<'a> {
+    pub(super) fn new(rows: &'a [HeldOutRow], variant: &str) -> Self {
         Self(rows.iter().filter(|row| row.variant == variant).collect())
     }
 
-    /// Number of held-out views.
+    /// Returns the number of left-out views.
     pub(super) fn count(&self) -> usize {
         self.0.len()
     }
 
-    /// PSNR of the mean squared error, dB.
+    /// Returns the PSNR of the mean squared error, dB.
     pub(super) fn psnr_db(&self) -> f64 {
         pooled_psnr_db(self.0.iter().map(|row| row.psnr_db))
     }
 
-    /// Cells of a table: PSNR in dB, FLIP, mean absolute difference, and the share covered.
+    /// Formats table cells: PSNR in dB, FLIP, mean absolute difference, covered share.
     pub(super) fn errors(&self) -> [String; 4] {
         [
             format!("{:.2}", self.psnr_db()),
@@ -101,21 +101,21 @@ impl<'a> Rows<'a> {
         ]
     }
 
-    /// NaN where no row has the value.
-    pub(super) fn mean(&self, value: fn(&HeldOut) -> f64) -> f64 {
-        Spread::of(&self.0.iter().map(|row| value(row)).collect::<Vec<_>>())
+    /// Returns the mean of a value, NaN without rows.
+    pub(super) fn mean(&self, value: fn(&HeldOutRow) -> f64) -> f64 {
+        Spread::from_values(&self.0.iter().map(|row| value(row)).collect::<Vec<_>>())
             .map_or(f64::NAN, |spread| spread.mean)
     }
 }
 
-/// Colour of unknown pixels in stored frames.
+/// Colour of holes in stored frames.
 pub(super) const HOLE: [u8; 3] = [255, 0, 255];
 
-/// A pixel counts as covered from this share of 255 on.
+/// Least splat coverage of a covered pixel, of 255.
 const COVERED: u8 = 128;
 
-/// A frame that is judged.
-pub(super) struct GainedFrame {
+/// A frame of a left-out view, with its costs.
+pub(super) struct HeldOutFrame {
     pub(super) picture: RgbImage,
     pub(super) covered: Vec<bool>,
     pub(super) frame_ms: f64,
@@ -124,10 +124,17 @@ pub(super) struct GainedFrame {
     pub(super) bytes: u64,
 }
 
-impl GainedFrame {
-    /// Prepares a frame for comparison: each channel's levels times its gain, and `hole` where it
-    /// does not cover a pixel, if given.
-    pub(super) fn new(frame: &Frame, gain: [f32; 3], hole: Option<[u8; 3]>) -> Self {
+impl HeldOutFrame {
+    /// Prepares a frame for comparison: multiplies each channel by its gain and sets pixels that are
+    /// not covered to `hole`, if given.
+    pub(super) fn new(
+        frame: &Frame,
+        gain: [f32; 3],
+        hole: Option<[u8; 3]>,
+        frame_ms: f64,
+        build_ms: f64,
+        bytes: usize,
+    ) -> Self {
         let covers = |i: usize| frame.coverage[i].splat_share() >= COVERED;
         let pixel = |x: u32, y: u32| {
             let i = (y * frame.width + x) as usize;
@@ -140,99 +147,96 @@ impl GainedFrame {
         Self {
             picture: RgbImage::from_fn(frame.width, frame.height, pixel),
             covered: (0..frame.coverage.len()).map(covers).collect(),
-            frame_ms: f64::NAN,
-            build_ms: f64::NAN,
-            rebuild_ms: f64::NAN,
-            bytes: 0,
-        }
-    }
-
-    /// With what it took.
-    pub(super) fn took(self, frame_ms: f64, build_ms: f64, bytes: usize) -> Self {
-        Self {
             frame_ms,
             build_ms,
+            rebuild_ms: f64::NAN,
             bytes: bytes as u64,
-            ..self
         }
     }
 }
 
-/// A photograph that was left out, and over which of its pixels frames are judged.
+/// A left-out photograph with the masks of its comparison.
 pub(super) struct HeldOutComparison<'a> {
     pub(super) scene: String,
     pub(super) view: &'a str,
     pub(super) photograph: &'a RgbImage,
     /// Mask of pixels at which errors are measured.
-    pub(super) judged: Vec<bool>,
-    /// Mask of those near depth edges.
+    pub(super) compared: Vec<bool>,
+    /// Mask of compared pixels near depth edges.
     pub(super) at_edges: Vec<bool>,
     /// Mask of pixels that should be covered.
     pub(super) visible: Vec<bool>,
 }
 
 impl<'a> HeldOutComparison<'a> {
-    /// Judges where all frames show something; `edges` are the pixels near depth edges.
-    pub(super) fn where_all_show(
+    /// Compares the visible pixels that all frames cover; `edges`: mask of pixels near depth edges.
+    pub(super) fn covered_by_all(
         scene: &str,
         view: &'a str,
         photograph: &'a RgbImage,
-        (visible, edges): (&[bool], &[bool]),
-        drawn: &[GainedFrame],
+        visible: &[bool],
+        edges: &[bool],
+        frames: &[HeldOutFrame],
     ) -> Self {
-        let judged: Vec<bool> = (0..visible.len())
-            .map(|p| visible[p] && drawn.iter().all(|drawn| drawn.covered[p]))
+        let compared: Vec<bool> = (0..visible.len())
+            .map(|p| visible[p] && frames.iter().all(|frame| frame.covered[p]))
             .collect();
-        let at_edges = judged
+        let at_edges = compared
             .iter()
             .zip(edges)
-            .map(|(judged, edge)| *judged && *edge)
+            .map(|(compared, edge)| *compared && *edge)
             .collect();
         Self {
             scene: scene.into(),
             view,
             photograph,
-            judged,
+            compared,
             at_edges,
             visible: visible.to_vec(),
         }
     }
 
-    /// The row of a frame.
-    pub(super) fn row(&self, variant: &'static str, drawn: &GainedFrame) -> HeldOut {
-        let (psnr_db, flip) = errors(self.photograph, &drawn.picture, &self.judged);
-        let mad = |pixels: &[bool]| mean_difference(self.photograph, &drawn.picture, pixels);
-        let covered = drawn
+    /// Compares the frames of all variants, in order.
+    pub(super) fn rows(
+        &self,
+        variants: impl IntoIterator<Item = &'static str>,
+        frames: &[HeldOutFrame],
+    ) -> impl Iterator<Item = HeldOutRow> {
+        variants
+            .into_iter()
+            .zip(frames)
+            .map(|(variant, frame)| self.row(variant, frame))
+    }
+
+    fn row(&self, variant: &'static str, frame: &HeldOutFrame) -> HeldOutRow {
+        let (psnr_db, flip) = errors(self.photograph, &frame.picture, &self.compared);
+        let mad = |pixels: &[bool]| mean_difference(self.photograph, &frame.picture, pixels);
+        let visible = self.visible.iter().filter(|visible| **visible).count();
+        let covered = frame
             .covered
             .iter()
             .zip(&self.visible)
             .filter(|(covered, visible)| **covered && **visible)
             .count();
-        HeldOut {
+        HeldOutRow {
             scene: self.scene.clone(),
             variant,
             view: self.view.to_owned(),
             psnr_db,
             flip,
-            mad: mad(&self.judged),
+            mad: mad(&self.compared),
             mad_at_edges: mad(&self.at_edges),
-            covered: covered as f64
-                / self
-                    .visible
-                    .iter()
-                    .filter(|visible| **visible)
-                    .count()
-                    .max(1) as f64,
-            frame_ms: drawn.frame_ms,
-            build_ms: drawn.build_ms,
-            rebuild_ms: drawn.rebuild_ms,
-            bytes: drawn.bytes,
+            covered: covered as f64 / visible.max(1) as f64,
+            frame_ms: frame.frame_ms,
+            build_ms: frame.build_ms,
+            rebuild_ms: frame.rebuild_ms,
+            bytes: frame.bytes,
         }
     }
 }
 
-/// The camera of a view with square pixels.
-pub(super) fn camera_of(view: &LoadedView) -> Option<Camera> {
+/// Returns the camera of a pinhole view, with square pixels; `None` for another lens.
+pub(super) fn pinhole_camera(view: &LoadedView) -> Option<Camera> {
     let Lens::Pinhole(pinhole) = view.lens else {
         return None;
     };
@@ -248,16 +252,16 @@ pub(super) fn camera_of(view: &LoadedView) -> Option<Camera> {
     Some(camera.with_principal_px(pinhole.principal_px))
 }
 
-/// Reprojects a view to a camera's pixels, with a mask of those that it covers.
-pub(super) fn photograph(view: &LoadedView, camera: &Camera) -> (RgbImage, Vec<bool>) {
+/// Reprojects a view to a camera's pixels; returns the image and a mask of covered pixels.
+pub(super) fn reproject(view: &LoadedView, camera: &Camera) -> (RgbImage, Vec<bool>) {
     let (mut picture, mut visible) = (RgbImage::new(camera.width(), camera.height()), Vec::new());
     for (x, y, pixel) in picture.enumerate_pixels_mut() {
         let direction = camera.direction(f64::from(x) + 0.5, f64::from(y) + 0.5);
-        let there = view.lens.project(
+        let position = view.lens.project(
             view.pose.world_from_eye.transpose() * direction,
             view.size_px,
         );
-        let color = there.and_then(|[px, py, _]| {
+        let color = position.and_then(|[px, py, _]| {
             let inside = px >= 0.0
                 && py >= 0.0
                 && px < f64::from(view.size_px[0])
@@ -272,12 +276,12 @@ pub(super) fn photograph(view: &LoadedView, camera: &Camera) -> (RgbImage, Vec<b
     (picture, visible)
 }
 
-/// PSNR in dB and mean FLIP over the pixels that are judged.
-fn errors(photograph: &RgbImage, frame: &RgbImage, judged: &[bool]) -> (f64, f64) {
+/// Returns the PSNR in dB and the mean FLIP over the compared pixels.
+fn errors(photograph: &RgbImage, frame: &RgbImage, compared: &[bool]) -> (f64, f64) {
     let mut test = frame.clone();
     let (mut squares, mut count) = (0.0, 0u64);
-    for ((truth, test), judged) in photograph.pixels().zip(test.pixels_mut()).zip(judged) {
-        if *judged {
+    for ((truth, test), compared) in photograph.pixels().zip(test.pixels_mut()).zip(compared) {
+        if *compared {
             count += 1;
             squares += (0..3)
                 .map(|c| f64::from(truth[c].abs_diff(test[c])).powi(2))
@@ -287,19 +291,19 @@ fn errors(photograph: &RgbImage, frame: &RgbImage, judged: &[bool]) -> (f64, f64
         }
     }
     let mean_square = squares / (3.0 * count.max(1) as f64);
-    let share = count as f64 / judged.len().max(1) as f64;
+    let share = count as f64 / compared.len().max(1) as f64;
     let flip =
         metrics::compare(photograph, &test).map_or(f64::NAN, |comparison| comparison.flip / share);
     (10.0 * (255.0f64.powi(2) / mean_square).log10(), flip)
 }
 
-/// Mean absolute difference over the pixels that are judged, levels of 255; NaN if there are none.
-fn mean_difference(photograph: &RgbImage, frame: &RgbImage, judged: &[bool]) -> f64 {
+/// Returns the mean absolute difference over the compared pixels, levels of 255; NaN without any.
+fn mean_difference(photograph: &RgbImage, frame: &RgbImage, compared: &[bool]) -> f64 {
     let pixels = photograph
         .pixels()
         .zip(frame.pixels())
-        .zip(judged)
-        .filter(|(_, judged)| **judged);
+        .zip(compared)
+        .filter(|(_, compared)| **compared);
     let (mut sum, mut count) = (0u64, 0u64);
     for ((truth, test), _) in pixels {
         sum += (0..3)

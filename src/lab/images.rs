@@ -1,23 +1,24 @@
-//! Frames left out of an image set, judged against their photographs (E12's protocol, for S12).
+//! Leave-one-out test of an image set with depth: views rendered from the others are compared with
+//! their photographs (E12's protocol, for S12).
 //!
-//! Every N-th view is left out. It is then shown from the others: by `nearest`, the one view
-//! nearest to it warped alone, by `live-3`, the three nearest merged (what S24 builds while one
-//! moves; how long it takes anew with images in memory is measured too), by `ldi`, all of them
-//! merged into one cube, and by view-dependent geometry in each of its ways of texturing (E9).
-//! Errors are taken where all show something, so that none gains by leaving out what is hard; the
-//! share that each covers stands beside them. Frames are exposed as the photograph was. Where its
-//! camera stood is estimated with that of the others, as is usual for sets without surveyed
-//! cameras.
+//! Every N-th view is left out. It is then rendered from the others: by `nearest`, the nearest view
+//! warped alone; by `live-3`, the three nearest views merged (S24 builds this during movement; the
+//! time to rebuild it from images in memory is measured too); by `ldi`, all views merged into one
+//! cube; and by view-dependent geometry with each texturing variant (E9). Errors are measured at
+//! pixels that all variants cover, so that leaving out difficult pixels is no advantage; the
+//! coverage of each variant is reported, too. Frames have the photograph's exposure. The pose of
+//! the left-out camera was estimated together with the others, as is usual for sets without
+//! surveyed cameras.
 
 use super::held_out::{
-    GainedFrame, HOLE, HeldOut, HeldOutComparison, HoldOutError, Rows, camera_of, photograph,
+    HOLE, HeldOutComparison, HeldOutFrame, HeldOutRow, HoldOutError, VariantRows, pinhole_camera,
+    reproject,
 };
 use crate::machine::{Machine, commit};
 use crate::table::{Table, figure, percent};
 use glam::DVec3;
 use headbox_core::camera::Camera;
 use headbox_core::progress::Progress;
-use headbox_cube::model::samples::CubeSamples;
 use headbox_cube::pack::{CubeLdi, SplatIndexLayout, Split};
 use headbox_cube::render::{RenderSettings, Renderer};
 use headbox_images::{ImageSet, LoadedView, Registration, View};
@@ -30,34 +31,34 @@ use image::RgbImage;
 use serde::Serialize;
 use std::time::Instant;
 
-/// All rows, and where they were measured.
+/// Results of the leave-one-out test of an image set with depth.
 #[derive(Clone, Debug, Serialize)]
 pub struct ImagesReport {
-    /// The computer.
+    /// Machine of the measurement.
     pub machine: Machine,
-    /// The program.
+    /// Commit of the program, see [`commit`].
     pub commit: String,
-    /// A view in so many was left out.
+    /// Interval of the left-out views.
     pub hold_out: usize,
-    /// A row for each view and variant.
-    pub rows: Vec<HeldOut>,
-    /// A row for each view and each of some weights of ranking (E6), judged where all of these show
-    /// something.
-    pub weights: Vec<HeldOut>,
+    /// Rows for each view and variant.
+    pub rows: Vec<HeldOutRow>,
+    /// Rows for each view and each set of ranking weights (E6), compared at pixels that all of them
+    /// cover.
+    pub weights: Vec<HeldOutRow>,
 }
 
-/// A frame and its photograph side by side, for looking at.
+/// A photograph and its frames for visual comparison.
 pub struct SideBySide {
-    /// The view's name.
+    /// Name of the view.
     pub view: String,
     /// The photograph.
     pub photograph: RgbImage,
-    /// One for each of the [`variants`]; magenta where nothing is known.
+    /// Frames of each of the [`variants`]; holes are magenta.
     pub frames: Vec<RgbImage>,
 }
 
-/// Weights of ranking that are compared, of distance, angle and visibility (C26: the paper names
-/// none), by the default way of texturing.
+/// Compared ranking weights of distance, angle and visibility (C26: the paper names none), with the
+/// default texturing.
 const WEIGHTS: [(&str, [f64; 3]); 7] = [
     ("1 : 1 : 1", [1.0, 1.0, 1.0]),
     ("3 : 1 : 1", [3.0, 1.0, 1.0]),
@@ -76,11 +77,10 @@ const IN_PAPER: [(Texturing, f64); 4] = [
     (Texturing::Blended, 11.8),
 ];
 
-/// Cubes that show a view: of the nearest other one alone, of the [`NearImages::COUNT`] nearest, of
-/// all.
+/// Cubes: from the nearest view, from the [`NearImages::COUNT`] nearest views, from all views.
 const CUBES: [&str; 3] = ["nearest", "live-3", "ldi"];
 
-/// Ways to show a view: by cubes, and by view-dependent geometry.
+/// Returns the names of the variants: cubes, and texturing variants of view-dependent geometry.
 pub fn variants() -> impl Iterator<Item = &'static str> + Clone {
     CUBES
         .into_iter()
@@ -95,8 +95,8 @@ pub struct Geometry {
     pub resources: GeometryResources,
 }
 
-/// Measures a set; `show` is given every view's frames. With `hold_out` 1 each view is left out
-/// alone, else every `hold_out`-th at once.
+/// Measures a set; `show` receives every view's frames. With `hold_out` 1 the views are left out one
+/// at a time, otherwise every `hold_out`-th view at once.
 ///
 /// # Errors
 /// See [`HoldOutError`].
@@ -124,7 +124,7 @@ pub fn measure(
     let started = Instant::now();
     let opened = ViewGeometry::open(set, &views, &geometry.resources, progress)?;
     let geometry_ms = started.elapsed().as_secs_f64() * 1e3;
-    let mut bench = Bench {
+    let mut test = HoldOutTest {
         set,
         job,
         views: &views,
@@ -141,31 +141,32 @@ pub fn measure(
         weights: Vec::new(),
     };
     for left_out in &rounds {
-        bench.geometry.leave_out(left_out);
+        test.geometry.leave_out(left_out);
         let kept: Vec<&View> = (0..views.len())
             .filter(|i| !left_out.contains(i))
             .map(|i| views[i])
             .collect();
-        let all = bench.cube(job.centre, &kept)?;
+        let all = test.cube(job.centre, &kept)?;
         let others = ImageSet {
             views: kept.iter().map(|&view| view.clone()).collect(),
             ..set.clone()
         };
         let mut near = NearImages::new(others, job.clone(), NearImages::DEFAULT_BUDGET)?;
         for &i in left_out {
-            bench.judge(i, &mut near, &all, show)?;
+            test.measure_view(i, &mut near, &all, show)?;
         }
     }
     Ok(ImagesReport {
         machine: Machine::here(),
         commit: commit(),
         hold_out,
-        rows: bench.rows,
-        weights: bench.weights,
+        rows: test.rows,
+        weights: test.weights,
     })
 }
 
-struct Bench<'a> {
+/// State of a leave-one-out test.
+struct HoldOutTest<'a> {
     set: &'a ImageSet,
     job: &'a ImagesJob,
     views: &'a [&'a View],
@@ -175,28 +176,28 @@ struct Bench<'a> {
     geometry_ms: f64,
     settings: GeometrySettings,
     geometry_renderer: GeometryRenderer,
-    rows: Vec<HeldOut>,
-    weights: Vec<HeldOut>,
+    rows: Vec<HeldOutRow>,
+    weights: Vec<HeldOutRow>,
 }
 
-/// A cube, and how long it took.
+/// A cube of an image set with its times.
 struct SetCube {
     cube: CubeLdi,
-    /// From files.
+    /// Time to build it from files, ms.
     build_ms: f64,
-    /// From images in memory; NaN where it is not made anew.
+    /// Time to rebuild it from images in memory, ms; NaN if not measured.
     rebuild_ms: f64,
 }
 
-impl Bench<'_> {
+impl HoldOutTest<'_> {
     fn cube(&self, centre: DVec3, views: &[&View]) -> Result<SetCube, HoldOutError> {
         let started = Instant::now();
         let job = ImagesJob {
             centre,
             ..self.job.clone()
         };
-        let cube: CubeSamples = job.run(self.set, views, self.progress)?;
-        let cube = CubeLdi::pack(&cube, SplatIndexLayout::Normal, Split::Auto)?;
+        let samples = job.run(self.set, views, self.progress)?;
+        let cube = CubeLdi::pack(&samples, SplatIndexLayout::Normal, Split::Auto)?;
         Ok(SetCube {
             cube,
             build_ms: started.elapsed().as_secs_f64() * 1e3,
@@ -204,8 +205,8 @@ impl Bench<'_> {
         })
     }
 
-    /// The cube of images near a view: from files, and once more from memory.
-    fn near(&self, near: &mut NearImages, chosen: &[usize]) -> Result<SetCube, HoldOutError> {
+    /// Builds the cube of the `chosen` views from files, and again from memory.
+    fn near_cube(&self, near: &mut NearImages, chosen: &[usize]) -> Result<SetCube, HoldOutError> {
         let views: Vec<&View> = chosen.iter().map(|&i| &near.views()[i]).collect();
         let centre = views
             .first()
@@ -221,7 +222,8 @@ impl Bench<'_> {
         })
     }
 
-    fn judge(
+    /// Renders and compares view `i`.
+    fn measure_view(
         &mut self,
         i: usize,
         near: &mut NearImages,
@@ -232,7 +234,7 @@ impl Bench<'_> {
         let gain = view
             .registration
             .map_or([1.0; 3], |registration| registration.gain);
-        // As it was exposed: frames are then exposed alike.
+        // The photograph keeps its exposure; the frames are multiplied by its gain.
         let registration = view.registration.map(|registration| Registration {
             gain: [1.0; 3],
             ..registration
@@ -242,76 +244,63 @@ impl Bench<'_> {
             ..view.clone()
         }
         .load()?;
-        let Some(camera) = camera_of(&held) else {
+        let Some(camera) = pinhole_camera(&held) else {
             return Ok(());
         };
-        let (photograph, visible) = photograph(&held, &camera);
+        let (photograph, visible) = reproject(&held, &camera);
         let chosen = near.nearest(&camera, NearImages::COUNT);
-        let [alone, few] = [self.near(near, &chosen[..1])?, self.near(near, &chosen)?];
-        let mut drawn: Vec<GainedFrame> = [&alone, &few, all]
-            .into_iter()
-            .map(|cube| self.draw(cube, &camera, gain))
-            .collect();
-        let by_texturing = |(_, texturing)| GeometrySettings {
-            texturing,
-            ..self.settings
-        };
-        let ways = Texturing::ALL.map(by_texturing);
-        drawn.extend(ways.map(|settings| self.draw_geometry(settings, &camera, gain)));
-        let weighed = WEIGHTS.map(|(_, [distance, angle, visibility])| {
+        let nearest = self.near_cube(near, &chosen[..1])?;
+        let few = self.near_cube(near, &chosen)?;
+        let mut frames = Vec::new();
+        for cube in [&nearest, &few, all] {
+            frames.push(self.draw_cube(cube, &camera, gain));
+        }
+        for (_, texturing) in Texturing::ALL {
+            let settings = GeometrySettings {
+                texturing,
+                ..self.settings
+            };
+            frames.push(self.draw_geometry(settings, &camera, gain));
+        }
+        let weighted = WEIGHTS.map(|(_, [distance, angle, visibility])| {
             let weights = RankWeights {
                 distance,
                 angle,
                 visibility,
             };
-            self.draw_geometry(
-                GeometrySettings {
-                    weights,
-                    ..self.settings
-                },
-                &camera,
-                gain,
-            )
+            let settings = GeometrySettings {
+                weights,
+                ..self.settings
+            };
+            self.draw_geometry(settings, &camera, gain)
         });
         let edges = near_edges(&held, &camera);
         let scene = self.set.folder.display().to_string();
-        for (names, drawn, to) in [
-            (
-                &variants().collect::<Vec<_>>(),
-                drawn.as_slice(),
-                &mut self.rows,
-            ),
-            (
-                &WEIGHTS.map(|(name, _)| name).to_vec(),
-                weighed.as_slice(),
-                &mut self.weights,
-            ),
-        ] {
-            let judge = HeldOutComparison::where_all_show(
+        let comparison = |frames: &[HeldOutFrame]| {
+            HeldOutComparison::covered_by_all(
                 &scene,
                 &view.name,
                 &photograph,
-                (&visible, &edges),
-                drawn,
-            );
-            to.extend(
-                names
-                    .iter()
-                    .zip(drawn)
-                    .map(|(name, drawn)| judge.row(name, drawn)),
-            );
-        }
-        let frames = drawn.into_iter().map(|drawn| drawn.picture).collect();
+                &visible,
+                &edges,
+                frames,
+            )
+        };
+        self.rows
+            .extend(comparison(&frames).rows(variants(), &frames));
+        let names = WEIGHTS.map(|(name, _)| name);
+        self.weights
+            .extend(comparison(&weighted).rows(names, &weighted));
         show(SideBySide {
             view: view.name.clone(),
             photograph,
-            frames,
+            frames: frames.into_iter().map(|frame| frame.picture).collect(),
         });
         Ok(())
     }
 
     /// Draws a cube.
-    fn draw(&mut self, built: &SetCube, camera: &Camera, gain: [f32; 3]) -> GainedFrame {
+    fn draw_cube(&mut self, built: &SetCube, camera: &Camera, gain: [f32; 3]) -> HeldOutFrame {
         let cube = &built.cube;
         let settings = RenderSettings {
             hole_color_srgb: HOLE,
@@ -321,30 +310,36 @@ impl Bench<'_> {
         self.renderer.render(cube, camera, &settings);
         self.renderer.render(cube, camera, &settings);
         let (frame, stats) = self.renderer.render_with_stats(cube, camera, &settings);
-        let drawn = GainedFrame::new(frame, gain, Some(HOLE)).took(
-            stats.frame_ms,
-            built.build_ms,
-            cube.bytes(),
-        );
-        GainedFrame {
+        let hole = Some(HOLE);
+        HeldOutFrame {
             rebuild_ms: built.rebuild_ms,
-            ..drawn
+            ..HeldOutFrame::new(
+                frame,
+                gain,
+                hole,
+                stats.frame_ms,
+                built.build_ms,
+                cube.bytes(),
+            )
         }
     }
 
-    /// Draws view-dependent geometry in a way.
+    /// Draws view-dependent geometry.
     fn draw_geometry(
         &mut self,
         settings: GeometrySettings,
         camera: &Camera,
         gain: [f32; 3],
-    ) -> GainedFrame {
+    ) -> HeldOutFrame {
         self.geometry_renderer
             .render(&self.geometry, camera, &settings, WaitPolicy::Wait);
         let (frame, stats) =
             self.geometry_renderer
                 .render(&self.geometry, camera, &settings, WaitPolicy::Wait);
-        GainedFrame::new(frame, gain, Some(HOLE)).took(
+        HeldOutFrame::new(
+            frame,
+            gain,
+            Some(HOLE),
             stats.frame_ms,
             self.geometry_ms,
             self.geometry.bytes(),
@@ -352,21 +347,21 @@ impl Bench<'_> {
     }
 }
 
-/// Mask of a camera's pixels near a depth edge of the view, or near the border of its depth.
+/// Returns a mask of the pixels near a depth edge of the view.
 fn near_edges(view: &LoadedView, camera: &Camera) -> Vec<bool> {
-    /// Neighbours whose depths differ by more than this share belong to different surfaces.
+    /// Relative difference of depths between neighbours of different surfaces.
     const EDGE: f32 = 0.1;
-    /// Half of a window's side, pixels.
+    /// Distance from an edge that counts as near, px.
     const NEAR_PX: usize = 6;
     let [width, height] = view.size_px.map(|side| side as usize);
     let depth = |x: usize, y: usize| view.depth.get(y * width + x).copied().unwrap_or(f32::NAN);
-    let parts = |a: f32, b: f32| (a - b).abs() > EDGE * a.min(b);
+    let is_edge = |a: f32, b: f32| (a - b).abs() > EDGE * a.min(b);
     let mut near = vec![false; camera.width() as usize * camera.height() as usize];
     for (x, y) in (0..height.saturating_sub(1))
         .flat_map(|y| (0..width.saturating_sub(1)).map(move |x| (x, y)))
     {
         let here = depth(x, y);
-        if !(parts(here, depth(x + 1, y)) || parts(here, depth(x, y + 1))) {
+        if !(is_edge(here, depth(x + 1, y)) || is_edge(here, depth(x, y + 1))) {
             continue;
         }
         let columns = x.saturating_sub(NEAR_PX)..(x + NEAR_PX + 1).min(width);
@@ -378,10 +373,10 @@ fn near_edges(view: &LoadedView, camera: &Camera) -> Vec<bool> {
 }
 
 impl ImagesReport {
-    /// Some lines and a table.
+    /// Formats a summary with tables.
     pub fn summary(&self) -> String {
-        let rows = |variant: &str| Rows::of(&self.rows, variant);
-        let head = [
+        let rows = |variant: &str| VariantRows::new(&self.rows, variant);
+        let header = [
             "variant",
             "PSNR dB",
             "FLIP",
@@ -393,7 +388,7 @@ impl ImagesReport {
             "rebuild ms",
             "MB",
         ];
-        let mut table = Table::new(head);
+        let mut table = Table::new(header);
         for variant in variants() {
             let rows = rows(variant);
             table.row([
@@ -430,30 +425,30 @@ impl ImagesReport {
             self.machine.processor,
             self.machine.threads,
             self.machine.simd,
-            self.beside_the_paper(),
+            self.paper_table(),
             Texturing::default().name(),
             self.weights_table(),
         )
     }
 
-    /// The ways of texturing beside the paper's.
-    fn beside_the_paper(&self) -> Table {
+    /// Formats the errors of the texturing variants relative to the nearest image, and the paper's.
+    fn paper_table(&self) -> Table {
         let mut table = Table::new([
             "variant",
             "in the picture",
             "at edges",
             "in the paper, at its gate",
         ]);
-        let of = |texturing: Texturing| Rows::of(&self.rows, texturing.name());
+        let rows = |texturing: Texturing| VariantRows::new(&self.rows, texturing.name());
         let [(nearest, paper), ..] = IN_PAPER;
-        let over = |texturing: Texturing, mad: fn(&HeldOut) -> f64| {
-            of(texturing).mean(mad) / of(nearest).mean(mad)
+        let relative = |texturing: Texturing, mad: fn(&HeldOutRow) -> f64| {
+            rows(texturing).mean(mad) / rows(nearest).mean(mad)
         };
         for (texturing, mad) in IN_PAPER {
             table.row([
                 texturing.name().into(),
-                format!("{:.3}", over(texturing, |row| row.mad)),
-                format!("{:.3}", over(texturing, |row| row.mad_at_edges)),
+                format!("{:.3}", relative(texturing, |row| row.mad)),
+                format!("{:.3}", relative(texturing, |row| row.mad_at_edges)),
                 format!("{:.3}", mad / paper),
             ]);
         }
@@ -463,7 +458,7 @@ impl ImagesReport {
     fn weights_table(&self) -> Table {
         let mut table = Table::new(["weights", "PSNR dB", "FLIP", "MAD", "covered"]);
         for (name, _) in WEIGHTS {
-            let rows = Rows::of(&self.weights, name);
+            let rows = VariantRows::new(&self.weights, name);
             table.row([&[name.into()][..], &rows.errors()].concat());
         }
         table

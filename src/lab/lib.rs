@@ -1,19 +1,18 @@
-//! Measuring what headbox does: nothing of the product is in here, and nothing of the product needs
-//! it.
+//! Measurements of headbox, separate from the product: no other part depends on them.
 //!
-//! One harness, and three things built on it:
+//! Three kinds of measurement:
 //!
-//! * [`report`]: speed against error of every representation of a scene; the page beside the
+//! * [`report`]: speed against error of every representation of a scene, and the page with the
 //!   papers' figures.
-//! * [`walk`]: times and errors of every way to draw a house along a path.
+//! * [`walk`]: times and errors of every variant of a house along a path.
 //! * [`stability`]: hard numerical cases with bounds.
 //!
-//! What they share: [`plan`] (sizes, seeded eyes), [`turns`] (times taken in turns), [`truths`]
-//! (ray-traced frames, kept from run to run), [`stats`], [`table`] and [`chart`] (what people
-//! read), [`machine`] (where and by which commit). [`cube_map`] is the rival that every panorama
-//! viewer is, [`embree`] that of a frame; [`sprite_range`] says how far sprites carry. [`images`]
-//! and [`photographs`] leave views out of sets; [`held_out`] is what they share. [`baselines`] has
-//! methods of the papers that lost to the product.
+//! Common parts: [`plan`] (sizes, seeded eyes), [`turns`] (timing in turns), [`truths`] (cached
+//! ray-traced frames), [`stats`], [`table`] and [`chart`], [`machine`] (machine and commit).
+//! Baselines: [`cube_map`] (panoramas), [`embree`] (primary rays), [`baselines`] (methods of the
+//! papers that the product does not use). [`sprite_range`] measures the range of sprites.
+//! [`images`], [`photographs`] and [`sequence`] are leave-one-out tests of image sets, with
+//! [`held_out`] in common.
 
 pub mod baselines;
 pub mod chart;

@@ -6,34 +6,30 @@ use std::path::Path;
 use std::process::Command;
 use std::time::UNIX_EPOCH;
 
-/// The computer.
+/// The machine of a measurement.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Machine {
-    /// Name of the processor, if the system tells.
+    /// Name of the processor, or "unknown".
     pub processor: String,
-    /// Threads of this run.
+    /// Number of threads.
     pub threads: usize,
-    /// The SIMD level that frames are drawn with.
+    /// Name of the SIMD level of rendering.
     pub simd: String,
     /// Operating system and architecture.
     pub system: String,
-    /// Load average of the last minute when the run began, in hundredths; timings of a busy machine
-    /// scatter.
+    /// Load average of the minute before the run, in hundredths: timings of a busy machine scatter.
     pub load_hundredths: Option<u32>,
 }
 
 impl Machine {
-    /// This one.
+    /// Describes this machine.
     pub fn here() -> Self {
-        let processor = first_line_after("/proc/cpuinfo", "model name").unwrap_or_default();
         let load = std::fs::read_to_string("/proc/loadavg").ok();
         let load = load.and_then(|text| text.split_whitespace().next()?.parse::<f64>().ok());
         Self {
-            processor: if processor.is_empty() {
-                "unknown".into()
-            } else {
-                processor
-            },
+            processor: processor_name()
+                .filter(|name| !name.is_empty())
+                .unwrap_or_else(|| "unknown".into()),
             threads: rayon::current_num_threads(),
             simd: simd::name(simd::level()).to_owned(),
             system: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
@@ -42,23 +38,22 @@ impl Machine {
     }
 }
 
-/// Two lines of two files of Linux: crates that know them on other systems read and compile a whole
-/// system's worth.
-fn first_line_after(path: &str, key: &str) -> Option<String> {
-    let text = std::fs::read_to_string(path).ok()?;
-    let line = text.lines().find(|line| line.starts_with(key))?;
+/// Reads the processor's name on Linux. Crates that support other systems are large for one line.
+fn processor_name() -> Option<String> {
+    let text = std::fs::read_to_string("/proc/cpuinfo").ok()?;
+    let line = text.lines().find(|line| line.starts_with("model name"))?;
     Some(line.split_once(':')?.1.trim().to_owned())
 }
 
-/// The commit of the repository that holds the running program, with `+` if its tracked files have
-/// been changed or the program was built before it; `unknown` if it lies in none, or there is no
-/// git.
+/// Returns the commit of the repository that contains the running program, with `+` if tracked
+/// files have changed or the program is older than the commit; `unknown` without a repository or
+/// without git.
 pub fn commit() -> String {
-    let found = || {
+    let commit = || {
         let program = std::env::current_exe().ok()?;
         let folder = program.parent()?;
         let commit = git(folder, &["rev-parse", "--short=12", "HEAD"])?;
-        // A dirty work tree is one in which this program's own sources may differ.
+        // In a dirty work tree the program's own sources may differ.
         let changed = git(folder, &["status", "--porcelain", "--untracked-files=no"])?;
         let built = program
             .metadata()
@@ -75,7 +70,7 @@ pub fn commit() -> String {
             commit + "+"
         })
     };
-    found().unwrap_or_else(|| "unknown".into())
+    commit().unwrap_or_else(|| "unknown".into())
 }
 
 fn git(folder: &Path, arguments: &[&str]) -> Option<String> {

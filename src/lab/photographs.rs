@@ -1,17 +1,18 @@
-//! Photographs left out of a set without depth, judged against what voxel colouring makes of the
+//! Leave-one-out test of a set without depth: photographs are compared with representations of the
 //! others (S16).
 //!
-//! Every N-th photograph is left out. It is then shown by `photograph`, the nearest other one on a
-//! plane through what all cameras look at, by `ldi`, the cube that the others are coloured into
-//! about the camera of the one left out, and by `ldi-beside`, the same about the nearest one's
-//! camera. Then depth is found from the others alone, and shown by `depth-ldi` and
-//! `depth-ldi-beside`, cubes that their depth images are warped into, and by view-dependent
-//! geometry in its two best ways. Before a dark backdrop errors are taken where the photograph
-//! shows the object or any of them shows anything, and holes are black; elsewhere where all show
-//! something.
+//! Every N-th photograph is left out. It is then rendered by `photograph`, the nearest other
+//! photograph on a plane through the common focus of all cameras; by `ldi`, a cube from voxel
+//! colouring of the others about the left-out camera; and by `ldi-beside`, the same about the
+//! nearest camera. Depth is then estimated from the others alone and rendered by `depth-ldi` and
+//! `depth-ldi-beside`, cubes of the warped depth images about both cameras, and by view-dependent
+//! geometry with its two best texturing variants. With a dark background, errors are measured where
+//! the photograph shows the object or any variant covers a pixel, and holes are black; otherwise
+//! where all variants cover a pixel.
 
 use super::held_out::{
-    GainedFrame, HeldOut, HeldOutComparison, HoldOutError, Rows, camera_of, photograph,
+    HeldOutComparison, HeldOutFrame, HeldOutRow, HoldOutError, VariantRows, pinhole_camera,
+    reproject,
 };
 use super::machine::{Machine, commit};
 use super::table::{Table, figure};
@@ -32,16 +33,16 @@ use image::{Rgb, RgbImage};
 use serde::Serialize;
 use std::time::Instant;
 
-/// The fewest photographs of which one can be left out.
+/// Minimum number of photographs.
 const LEAST: usize = 4;
 
-/// View-dependent geometry on depth that was found.
+/// Variants of view-dependent geometry with estimated depth.
 const GEOMETRY: [(&str, Texturing); 2] = [
     ("depth-blended", Texturing::Blended),
     ("depth-averaged", Texturing::Averaged),
 ];
 
-/// Ways to show a photograph that was left out.
+/// Names of all variants.
 const VARIANTS: [&str; 7] = [
     "photograph",
     "ldi",
@@ -52,21 +53,21 @@ const VARIANTS: [&str; 7] = [
     GEOMETRY[1].0,
 ];
 
-/// All rows, and where they were measured.
+/// Results of the leave-one-out test of a set without depth.
 #[derive(Clone, Debug, Serialize)]
 pub struct PhotographsReport {
-    /// The computer.
+    /// Machine of the measurement.
     pub machine: Machine,
-    /// The program.
+    /// Commit of the program, see [`commit`].
     pub commit: String,
-    /// A photograph in so many was left out.
+    /// Interval of the left-out photographs.
     pub hold_out: usize,
-    /// A row for each photograph and variant.
-    pub rows: Vec<HeldOut>,
+    /// Rows for each photograph and variant.
+    pub rows: Vec<HeldOutRow>,
 }
 
-/// Measures a set: each `hold_out`-th photograph is left out alone. `show` is given its name, the
-/// photograph and a frame for each of the `VARIANTS`.
+/// Measures a set: every `hold_out`-th photograph is left out, one at a time. `show` receives its
+/// name, the photograph and a frame of each of the `VARIANTS`.
 ///
 /// # Errors
 /// See [`HoldOutError`].
@@ -89,7 +90,7 @@ pub fn measure(
     let hold_out = hold_out.clamp(1, set.views.len());
     for view in set.views.iter().skip(hold_out / 2).step_by(hold_out) {
         let held = view.load()?;
-        let Some(camera) = camera_of(&held) else {
+        let Some(camera) = pinhole_camera(&held) else {
             continue;
         };
         let others: Vec<&View> = set
@@ -101,51 +102,51 @@ pub fn measure(
         let Some(nearest) = others.iter().min_by(|a, b| angle(a).total_cmp(&angle(b))) else {
             continue;
         };
-        let (truth, visible) = photograph(&held, &camera);
+        let (truth, visible) = reproject(&held, &camera);
         let centres = [view.pose.eye, nearest.pose.eye];
-        let mut drawn = vec![on_plane(&nearest.load()?, &camera, focus)];
+        let mut frames = vec![draw_on_plane(&nearest.load()?, &camera, focus)];
         for centre in centres {
-            let coloured = PhotographsJob {
+            let job = PhotographsJob {
                 centre,
                 ..job.clone()
             };
-            drawn.push(ldi(|| coloured.run(set, &others, progress), 0.0, &camera)?);
+            frames.push(draw_cube(|| job.run(set, &others, progress), 0.0, &camera)?);
         }
-        drawn.extend(by_found_depth(set, &others, centres, &camera, progress)?);
+        frames.extend(draw_with_estimated_depth(
+            set, &others, centres, &camera, progress,
+        )?);
         let dark = job.dark(std::slice::from_ref(&held));
-        let shows =
+        let is_object =
             |pixel: &Rgb<u8>| dark.is_none_or(|dark| pixel.0.iter().any(|level| *level > dark));
-        let judged: Vec<bool> = truth
+        let compared: Vec<bool> = truth
             .pixels()
             .enumerate()
-            .map(|(p, pixel)| match dark {
-                Some(_) => {
-                    visible[p] && (shows(pixel) || drawn.iter().any(|drawn| drawn.covered[p]))
-                }
-                None => visible[p] && drawn.iter().all(|drawn| drawn.covered[p]),
+            .map(|(p, pixel)| {
+                let mut covered = frames.iter().map(|frame| frame.covered[p]);
+                visible[p]
+                    && if dark.is_some() {
+                        is_object(pixel) || covered.any(|covered| covered)
+                    } else {
+                        covered.all(|covered| covered)
+                    }
             })
             .collect();
         let object: Vec<bool> = truth
             .pixels()
             .zip(&visible)
-            .map(|(pixel, visible)| *visible && shows(pixel))
+            .map(|(pixel, visible)| *visible && is_object(pixel))
             .collect();
-        let judge = HeldOutComparison {
+        let comparison = HeldOutComparison {
             scene: set.folder.display().to_string(),
             view: &view.name,
             photograph: &truth,
-            judged,
-            at_edges: Vec::new(), // nothing is known of its depth
+            compared,
+            at_edges: Vec::new(), // its depth is unknown
             visible: object,
         };
-        rows.extend(
-            VARIANTS
-                .into_iter()
-                .zip(&drawn)
-                .map(|(variant, drawn)| judge.row(variant, drawn)),
-        );
+        rows.extend(comparison.rows(VARIANTS, &frames));
         let pictures: Vec<&RgbImage> = std::iter::once(&truth)
-            .chain(drawn.iter().map(|drawn| &drawn.picture))
+            .chain(frames.iter().map(|frame| &frame.picture))
             .collect();
         show(&view.name, &pictures);
     }
@@ -157,8 +158,8 @@ pub fn measure(
     })
 }
 
-/// A photograph on the plane through `focus` that faces it.
-pub(super) fn on_plane(view: &LoadedView, camera: &Camera, focus: DVec3) -> GainedFrame {
+/// Draws a photograph on the plane through `focus` that faces its camera.
+pub(super) fn draw_on_plane(view: &LoadedView, camera: &Camera, focus: DVec3) -> HeldOutFrame {
     let (mut picture, mut covered) = (RgbImage::new(camera.width(), camera.height()), Vec::new());
     let started = Instant::now();
     for (x, y, pixel) in picture.enumerate_pixels_mut() {
@@ -167,26 +168,24 @@ pub(super) fn on_plane(view: &LoadedView, camera: &Camera, focus: DVec3) -> Gain
         covered.push(color.is_some());
         *pixel = Rgb(color.unwrap_or_default().map(|level| (level + 0.5) as u8));
     }
-    let frame_ms = started.elapsed().as_secs_f64() * 1e3;
-    GainedFrame {
+    HeldOutFrame {
         picture,
         covered,
-        frame_ms,
+        frame_ms: started.elapsed().as_secs_f64() * 1e3,
         build_ms: 0.0,
         rebuild_ms: f64::NAN,
         bytes: view.color.len() as u64 * 4,
     }
 }
 
-/// By depth that is found from `others` alone: cubes about two centres, and view-dependent
-/// geometry.
-fn by_found_depth(
+/// Estimates depth from `others` alone; draws cubes about two centres, and view-dependent geometry.
+fn draw_with_estimated_depth(
     set: &ImageSet,
     others: &[&View],
     centres: [DVec3; 2],
     camera: &Camera,
     progress: &dyn Progress,
-) -> Result<Vec<GainedFrame>, HoldOutError> {
+) -> Result<Vec<HeldOutFrame>, HoldOutError> {
     let folder = tempfile::tempdir().map_err(HoldOutError::Folder)?;
     let views = others
         .iter()
@@ -195,31 +194,33 @@ fn by_found_depth(
             ..view.clone()
         })
         .collect();
-    let mut found = ImageSet {
+    let mut estimated = ImageSet {
         folder: folder.path().into(),
         views,
         ..set.clone()
     };
     let started = Instant::now();
-    progress.begin("finding depth", "steps", found.find_depth_steps());
-    found.find_depth(
+    progress.begin("finding depth", "steps", estimated.find_depth_steps());
+    estimated.find_depth(
         &DenseDepth::default(),
         &|| progress.advance(1),
         &mut |_, _| {},
     )?;
     let depth_ms = started.elapsed().as_secs_f64() * 1e3;
-    let views: Vec<&View> = found.views_with_depth().collect();
-    let job = ImagesJob::suggest(&found);
-    let mut drawn = Vec::new();
+    let views: Vec<&View> = estimated.views_with_depth().collect();
+    let job = ImagesJob::suggest(&estimated);
+    let mut frames = Vec::new();
     for centre in centres {
         let job = ImagesJob {
             centre,
             ..job.clone()
         };
-        drawn.push(ldi(|| job.run(&found, &views, progress), depth_ms, camera)?);
+        let build = || job.run(&estimated, &views, progress);
+        frames.push(draw_cube(build, depth_ms, camera)?);
     }
     let started = Instant::now();
-    let geometry = ViewGeometry::open(&found, &views, &GeometryResources::default(), progress)?;
+    let resources = GeometryResources::default();
+    let geometry = ViewGeometry::open(&estimated, &views, &resources, progress)?;
     let build_ms = depth_ms + started.elapsed().as_secs_f64() * 1e3;
     let mut renderer = GeometryRenderer::new();
     for (_, texturing) in GEOMETRY {
@@ -229,21 +230,24 @@ fn by_found_depth(
         };
         renderer.render(&geometry, camera, &settings, WaitPolicy::Wait);
         let (frame, stats) = renderer.render(&geometry, camera, &settings, WaitPolicy::Wait);
-        drawn.push(GainedFrame::new(frame, [1.0; 3], None).took(
+        frames.push(HeldOutFrame::new(
+            frame,
+            [1.0; 3],
+            None,
             stats.frame_ms,
             build_ms,
             geometry.bytes(),
         ));
     }
-    Ok(drawn)
+    Ok(frames)
 }
 
-/// A frame of a cube; `before_ms` is what led up to it.
-fn ldi(
+/// Builds and draws a cube; `before_ms`: time of the preceding steps.
+fn draw_cube(
     build: impl FnOnce() -> Result<CubeSamples, ImagesError>,
     before_ms: f64,
     camera: &Camera,
-) -> Result<GainedFrame, HoldOutError> {
+) -> Result<HeldOutFrame, HoldOutError> {
     let started = Instant::now();
     let cube = CubeLdi::pack(&build()?, SplatIndexLayout::Normal, Split::Auto)?;
     let build_ms = before_ms + started.elapsed().as_secs_f64() * 1e3;
@@ -254,17 +258,24 @@ fn ldi(
     let mut renderer = Renderer::new();
     renderer.render(&cube, camera, &settings);
     let (frame, stats) = renderer.render_with_stats(&cube, camera, &settings);
-    Ok(GainedFrame::new(frame, [1.0; 3], None).took(stats.frame_ms, build_ms, cube.bytes()))
+    Ok(HeldOutFrame::new(
+        frame,
+        [1.0; 3],
+        None,
+        stats.frame_ms,
+        build_ms,
+        cube.bytes(),
+    ))
 }
 
 impl PhotographsReport {
-    /// Some lines and a table.
+    /// Formats a summary with a table.
     pub fn summary(&self) -> String {
         let mut table = Table::new([
             "variant", "PSNR dB", "FLIP", "MAD", "covered", "frame ms", "build ms", "MB",
         ]);
         for variant in VARIANTS {
-            let rows = Rows::of(&self.rows, variant);
+            let rows = VariantRows::new(&self.rows, variant);
             let costs = [
                 figure(rows.mean(|row| row.frame_ms)),
                 figure(rows.mean(|row| row.build_ms)),

@@ -1,4 +1,4 @@
-//! Plan of a measurement, fixed beforehand: sizes, and eye positions.
+//! Plan of a measurement: sizes and seeded eye positions.
 
 use glam::{DVec3, dvec3};
 use headbox_core::camera::{Camera, CameraError};
@@ -10,7 +10,7 @@ use std::f64::consts::TAU;
 /// Effort of a measurement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Quality {
-    /// Pixels a side of a face.
+    /// Edge of a face, px.
     pub face_size_px: u32,
     /// Strata per dimension (N).
     pub strata: u32,
@@ -18,29 +18,28 @@ pub struct Quality {
     pub rays: u32,
     /// Light samples per depth pixel.
     pub light_samples: u32,
-    /// Light samples per texel of what is baked without sharing light between neighbours: cube
-    /// maps, light maps, sprites.
+    /// Light samples per texel of cube maps, light maps and sprites, which do not pool light.
     pub baked_samples: u32,
-    /// Size of the frames.
+    /// Size of the frames, px.
     pub frame_px: [u32; 2],
-    /// Eyes all over the headbox.
+    /// Number of eyes distributed over the headbox.
     pub uniform_eyes: u32,
-    /// Eyes from the centre to a corner, both ends included; at least 2.
+    /// Number of eyes from the centre to a corner, both ends included; at least 2.
     pub line_eyes: u32,
-    /// Neighbouring eyes of a smooth path, at least 2 or none.
+    /// Number of neighbouring eyes on a smooth path, at least 2 or none.
     pub path_eyes: u32,
-    /// Rays per pixel that truth starts with.
+    /// Initial rays per pixel of truth.
     pub first_samples: u32,
-    /// Rays per pixel that truth may grow to.
+    /// Maximum rays per pixel of truth.
     pub most_samples: u32,
     /// Number of timed frames per eye, apart from the first.
     pub rounds: u32,
-    /// Cameras of a row and of a column of the walls that lumigraphs are made from.
+    /// Number of cameras per row and per column of the camera walls of lumigraphs.
     pub walls: &'static [usize],
-    /// Rays per pixel of their images.
+    /// Rays per pixel of the images of camera walls.
     pub wall_samples: u32,
-    /// True to capture the scene again with one parameter changed each time, and to render it with
-    /// the slow renderer.
+    /// True to repeat the capture with one parameter changed each time, and to render it with the
+    /// reference renderer.
     pub variations: bool,
 }
 
@@ -81,8 +80,8 @@ impl Quality {
         wall_samples: 2,
         variations: true,
     };
-    /// Effort of `headbox report --real`: frames and faces of real size. Few eyes and one capture,
-    /// since truth of a room that is lit indirectly takes four minutes a frame on two cores.
+    /// Effort of `headbox report --real`: frames and faces of practical size. Few eyes and one
+    /// capture, since truth of an indirectly lit room takes four minutes per frame on two cores.
     pub const REAL: Self = Self {
         face_size_px: 1024,
         strata: 32,
@@ -102,26 +101,24 @@ impl Quality {
     };
 }
 
-/// Set of eyes over which a row's error is a mean.
+/// Set of eyes over which the errors of a row are averaged.
 #[derive(
     Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize,
 )]
 #[serde(rename_all = "snake_case")]
 pub enum EyeSet {
-    /// Seeded eyes all over the headbox that look anywhere, and those from the centre to a corner.
+    /// Uniform eyes and eyes on the line from the centre to a corner.
     #[default]
     All,
-    /// Those from the centre to a corner alone, which look ahead: where sprites have something to
-    /// show, and for renderers too slow for more.
+    /// Eyes on the line only, which look ahead: for sprites, and for renderers too slow for more.
     Ahead,
-    /// Those amid a wall of cameras that look ahead, and before and behind it: where lumigraphs
-    /// have something to show.
+    /// Eyes at a camera wall, in front of it and behind it, which look ahead: for lumigraphs.
     Wall,
 }
 
 impl EyeSet {
-    /// Returns true if it contains all eyes of another set.
-    pub fn holds(self, other: Self) -> bool {
+    /// Returns true if the set contains all eyes of another set.
+    pub fn contains(self, other: Self) -> bool {
         self == other || (self == Self::All && other == Self::Ahead)
     }
 }
@@ -135,18 +132,18 @@ headbox_core::named_variants!(EyeSet {
 /// Origin of an eye position.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Place {
-    /// At random in the headbox, looking anywhere near the horizon.
+    /// Random in the headbox, looking in any direction near the horizon.
     Uniform,
     /// On the line from the centre (0) to a corner (1), looking ahead.
     Line(f64),
-    /// On a wall of cameras in the middle of the headbox, before or behind it, looking ahead.
+    /// On a camera wall in the middle of the headbox, in front of it or behind it, looking ahead.
     Wall,
     /// On the smooth path, looking ahead.
     Path,
 }
 
 impl Place {
-    /// Its name in reports.
+    /// Returns the name in reports.
     pub fn name(self) -> &'static str {
         match self {
             Self::Uniform => "uniform",
@@ -160,17 +157,16 @@ impl Place {
 /// One camera of a report.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Eye {
-    /// Origin of its position.
+    /// Origin of the position.
     pub place: Place,
-    /// From the centre, in half-sizes of the headbox.
+    /// Position relative to the centre, in half-sizes of the headbox.
     pub offset: DVec3,
     /// The camera.
     pub camera: Camera,
 }
 
 impl Eye {
-    /// Returns true if a row over these eyes includes this one. Eyes of the path count for flicker
-    /// only.
+    /// Returns true if the eye is in `set`. Eyes of the path are in none: they serve flicker only.
     pub fn belongs_to(&self, set: EyeSet) -> bool {
         match self.place {
             Place::Uniform => set == EyeSet::All,
@@ -181,33 +177,34 @@ impl Eye {
     }
 }
 
-/// The eyes of one scene.
+/// Eyes of one scene.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plan {
     /// Sizes.
     pub quality: Quality,
     /// Centre of the headbox, world metres.
     pub centre: DVec3,
-    /// Half of its edge, metres.
+    /// Half of the headbox's edge, metres.
     pub half_size_m: f64,
     /// Viewing direction of the eyes on the line: world axes, unit.
     pub ahead: DVec3,
     /// Seed of eyes and captures.
     pub seed: u64,
-    /// Uniform, line, wall, path.
+    /// Eyes in the order uniform, line, wall, path.
     pub eyes: Vec<Eye>,
 }
 
-/// From one eye of the path to the next, half-sizes: a slow movement at 60 frames a second.
+/// Distance between neighbouring eyes of the path, half-sizes: a slow movement at 60 frames per
+/// second.
 const PATH_STEP: f64 = 0.02;
 /// Vertical field of view, degrees.
 const FOV_Y_DEG: f64 = 60.0;
 
 impl Plan {
-    /// The eyes of a headbox; the same for the same seed.
+    /// Places the eyes of a headbox, the same for the same seed.
     ///
     /// # Errors
-    /// [`CameraError`] if the frames' size is none, or the headbox is not finite.
+    /// [`CameraError`] if the frames are empty, or the headbox is not finite.
     pub fn new(
         quality: Quality,
         centre: DVec3,
@@ -215,17 +212,16 @@ impl Plan {
         ahead: DVec3,
         seed: u64,
     ) -> Result<Self, CameraError> {
-        let [width, height] = quality.frame_px;
         let eye = |place, offset: DVec3, forward: DVec3| {
-            let at = centre + offset * half_size_m;
-            // The look-at point lies as far as the headbox is large: far coordinates keep their
-            // digits.
+            let position = centre + offset * half_size_m;
+            // The target is at the scale of the headbox: the direction stays accurate far from the
+            // world's origin.
             let camera = Camera::look_at(
-                at,
-                at + forward * half_size_m,
+                position,
+                position + forward * half_size_m,
                 DVec3::Y,
                 FOV_Y_DEG,
-                [width, height],
+                quality.frame_px,
             )?;
             Ok(Eye {
                 place,
@@ -241,7 +237,7 @@ impl Plan {
         let [turn, ..] = random(0, 1);
         for i in 0..quality.uniform_eyes {
             let [x, y, z, pitch] = random(i, 2);
-            // Directions evenly around: with few eyes, chance alone would leave sides out.
+            // Golden-ratio steps: random directions of few eyes could leave out sides.
             let yaw = (turn + f64::from(i) * 0.618_033_988_75) * TAU;
             let (sin, cos) = yaw.sin_cos();
             let forward = dvec3(cos, (pitch - 0.5) * 0.6, sin).normalize();
@@ -268,7 +264,7 @@ impl Plan {
         })
     }
 
-    /// The same with more eyes, before those of the path.
+    /// Returns the plan with more eyes, inserted before those of the path.
     pub fn with_eyes(&self, more: Vec<Eye>) -> Self {
         let (path, mut eyes): (Vec<Eye>, Vec<Eye>) =
             self.eyes.iter().partition(|eye| eye.place == Place::Path);
@@ -281,8 +277,8 @@ impl Plan {
     }
 }
 
-/// The horizontal axis along which a view from `centre` (world) has the most nearby geometry: the
-/// sum over a grid of rays of 1 / distance.
+/// Returns the horizontal axis along which a view from `centre` (world) has the most nearby
+/// geometry, by the sum of 1 / distance over a grid of rays.
 pub fn most_to_see(tracer: &Tracer, centre: DVec3) -> DVec3 {
     const SIDE: i32 = 24;
     let origin = (centre - tracer.origin()).as_vec3();
@@ -291,7 +287,7 @@ pub fn most_to_see(tracer: &Tracer, centre: DVec3) -> DVec3 {
         let cell = |i: i32| f64::from(2 * i + 1 - SIDE) / f64::from(SIDE) * 0.6;
         let rays =
             (0..SIDE * SIDE).map(|i| ahead + right * cell(i % SIDE) + DVec3::Y * cell(i / SIDE));
-        let seen = rays.map(|direction| {
+        let inverse_distances = rays.map(|direction| {
             let ray = Ray {
                 origin,
                 direction: direction.as_vec3(),
@@ -302,10 +298,10 @@ pub fn most_to_see(tracer: &Tracer, centre: DVec3) -> DVec3 {
                 .closest(&ray)
                 .map_or(0.0, |hit| 1.0 / f64::from(hit.t).max(1e-12))
         });
-        seen.sum()
+        inverse_distances.sum()
     };
     let sides = [DVec3::NEG_Z, DVec3::X, DVec3::Z, DVec3::NEG_X].map(|side| (side, nearness(side)));
-    // The first of equals.
+    // Reversed, so that the first of equals wins.
     sides
         .into_iter()
         .rev()

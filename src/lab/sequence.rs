@@ -1,17 +1,18 @@
-//! Sprites of a sequence judged by photographs that were left out, and their depth by depth that is
-//! known (S10).
+//! Leave-one-out test of sprites from a sequence: left-out photographs are compared with sprites,
+//! and the sprites' depth with known depth (S10).
 //!
-//! Every third photograph is left out, and those of them that are nearest to the middle one are
-//! shown: by `nearest`, the nearest photograph that was used on a plane that faces it; by `plane`
-//! and `plane-with-depth`, all that the middle one shows as one sprite, without and with what lies
-//! off its plane; by `layers` and `layers-with-depth`, a sprite a layer, likewise. Errors are taken
-//! where all show something.
+//! Every third photograph is left out. Those near the middle photograph are rendered: by `nearest`,
+//! the nearest other photograph on a plane that faces it; by `plane` and `plane-with-depth`, the
+//! middle photograph as one sprite, without and with displacements; by `layers` and
+//! `layers-with-depth`, one sprite per layer, likewise. Errors are measured at pixels that all
+//! variants cover.
 
 use super::held_out::{
-    GainedFrame, HOLE, HeldOut, HeldOutComparison, HoldOutError, Rows, camera_of, photograph,
+    HOLE, HeldOutComparison, HeldOutFrame, HeldOutRow, HoldOutError, VariantRows, pinhole_camera,
+    reproject,
 };
 use super::machine::{Machine, commit};
-use super::photographs::on_plane;
+use super::photographs::draw_on_plane;
 use super::table::{Table, figure, percent};
 use headbox_core::camera::Camera;
 use headbox_core::frame::Frame;
@@ -27,17 +28,17 @@ use image::RgbImage;
 use serde::Serialize;
 use std::time::Instant;
 
-/// One photograph of so many is left out.
+/// Interval of the left-out photographs.
 const HOLD_OUT: usize = 3;
 
-/// The cosine of the angle by which those that are shown look another way than the middle one at
-/// most.
+/// Cosine of the maximum angle between the viewing directions of a rendered photograph and the
+/// middle one (30 degrees).
 const SAME_WAY: f64 = 0.866;
 
-/// Number of frames shown.
+/// Maximum number of rendered photographs.
 const SHOWN: usize = 6;
 
-/// Ways to show a photograph that was left out.
+/// Names of all variants.
 const VARIANTS: [&str; 5] = [
     "nearest",
     "plane",
@@ -46,52 +47,52 @@ const VARIANTS: [&str; 5] = [
     "layers-with-depth",
 ];
 
-/// Why a sequence could not be measured.
+/// Error of the test of a sequence.
 #[derive(Debug, thiserror::Error)]
 pub enum SequenceError {
-    /// Error of held-out views and frames.
+    /// Error of left-out views and frames.
     #[error(transparent)]
     HoldOut(#[from] HoldOutError),
-    /// There are no layers.
+    /// Layers could not be segmented.
     #[error(transparent)]
     Layers(#[from] LayersError),
-    /// Layers make no sprites.
+    /// Layers could not be converted to sprites.
     #[error(transparent)]
     Sprite(#[from] SpriteError),
 }
 
-/// Agreement of depth with known depth.
+/// Agreement of estimated depth with known depth.
 #[derive(Clone, Debug, Serialize)]
 pub struct DepthRow {
-    /// Whose depth: what was `matched`, of the `planes`, of the `layers`.
+    /// Kind of depth: `matched`, `planes` or `layers`.
     pub of: &'static str,
-    /// Share of the known pixels that have it.
+    /// Share of the pixels with known depth that have an estimate.
     pub covered: f64,
-    /// Shares within 1, 2 and 5 %.
+    /// Shares of estimates within 1, 2 and 5 %.
     pub within: [f64; 3],
-    /// The middle one's error, share of its depth.
+    /// Median relative error.
     pub median: f64,
 }
 
-/// All rows, and where they were measured.
+/// Results of the test of a sequence.
 #[derive(Clone, Debug, Serialize)]
 pub struct SequenceReport {
-    /// The computer.
+    /// Machine of the measurement.
     pub machine: Machine,
-    /// The program.
+    /// Commit of the program, see [`commit`].
     pub commit: String,
-    /// The photographs that were used, the middle one first.
+    /// Names of the photographs that the sprites were made from, the middle one first.
     pub used: Vec<String>,
     /// Number of layers.
     pub layers: usize,
-    /// A row for each photograph and variant.
-    pub rows: Vec<HeldOut>,
-    /// Depth of the middle photograph; none if none is known.
+    /// Rows for each photograph and variant.
+    pub rows: Vec<HeldOutRow>,
+    /// Errors of the depth of the middle photograph; empty if its depth is unknown.
     pub depth: Vec<DepthRow>,
 }
 
-/// The set and the job without the views that layers are to be judged by, and these, nearest to the
-/// middle one first.
+/// Splits a set: returns the set and the job without the left-out views, and the left-out views,
+/// nearest to the middle one first.
 ///
 /// # Errors
 /// [`HoldOutError::TooFew`].
@@ -100,32 +101,22 @@ pub fn leave_out(
     job: &LayerJob,
 ) -> Result<(ImageSet, LayerJob, Vec<View>), SequenceError> {
     let is_left_out = |i: usize| (i + HOLD_OUT - job.view % HOLD_OUT) % HOLD_OUT == 1;
-    let of = |left_out: bool| (0..set.views.len()).filter(move |i| is_left_out(*i) == left_out);
-    let kept: Vec<usize> = of(false).collect();
-    let mut left_out: Vec<View> = of(true).map(|i| set.views[i].clone()).collect();
-    let (Some(view), false) = (
-        kept.iter().position(|i| *i == job.view),
-        left_out.is_empty(),
-    ) else {
-        return Err(HoldOutError::TooFew {
-            found: set.views.len(),
-            what: "photographs",
-            least: HOLD_OUT,
-        }
-        .into());
+    let (left_out, kept): (Vec<usize>, Vec<usize>) =
+        (0..set.views.len()).partition(|i| is_left_out(*i));
+    let too_few = |found, what, least| HoldOutError::TooFew { found, what, least };
+    let view = kept.iter().position(|i| *i == job.view);
+    let Some(view) = view.filter(|_| !left_out.is_empty()) else {
+        return Err(too_few(set.views.len(), "photographs", HOLD_OUT).into());
     };
+    let mut left_out: Vec<View> = left_out.iter().map(|i| set.views[*i].clone()).collect();
     let Pose {
         eye,
         world_from_eye,
     } = set.views[job.view].pose;
     left_out.retain(|view| view.pose.world_from_eye.z_axis.dot(world_from_eye.z_axis) > SAME_WAY);
     if left_out.is_empty() {
-        return Err(HoldOutError::TooFew {
-            found: kept.len() + 1,
-            what: "photographs that look the same way",
-            least: 2,
-        }
-        .into());
+        let what = "photographs that look the same way";
+        return Err(too_few(kept.len() + 1, what, 2).into());
     }
     left_out.sort_by(|a, b| {
         a.pose
@@ -133,7 +124,7 @@ pub fn leave_out(
             .distance(eye)
             .total_cmp(&b.pose.eye.distance(eye))
     });
-    // Some of them, from near to far.
+    // At most `SHOWN`, from near to far.
     let step = left_out.len().div_ceil(SHOWN);
     let left_out = left_out.into_iter().step_by(step).collect();
     let views = kept.iter().map(|i| set.views[*i].clone()).collect();
@@ -150,8 +141,8 @@ pub fn leave_out(
     ))
 }
 
-/// Measures the layers of some frames; `show` is given the name of each photograph that was left
-/// out, the photograph and a frame for each of the variants.
+/// Measures the layers of `frames`; `show` receives the name of each left-out photograph, the
+/// photograph and a frame of each variant.
 ///
 /// # Errors
 /// See [`SequenceError`].
@@ -193,40 +184,34 @@ pub fn measure(
     let mut rows = Vec::new();
     for view in left_out {
         let held = view.load().map_err(HoldOutError::from)?;
-        let Some(camera) = camera_of(&held) else {
+        let Some(camera) = pinhole_camera(&held) else {
             continue;
         };
-        let (truth, visible) = photograph(&held, &camera);
-        let apart = |other: &&&View| other.pose.eye.distance(view.pose.eye);
-        let nearest = used.iter().min_by(|a, b| apart(a).total_cmp(&apart(b)));
+        let (truth, visible) = reproject(&held, &camera);
+        let distance = |other: &&&View| other.pose.eye.distance(view.pose.eye);
+        let nearest = used
+            .iter()
+            .min_by(|a, b| distance(a).total_cmp(&distance(b)));
         let Some(nearest) = nearest else { continue };
-        let mut drawn = vec![on_plane(
-            &nearest.load().map_err(HoldOutError::from)?,
-            &camera,
-            focus,
-        )];
+        let nearest = nearest.load().map_err(HoldOutError::from)?;
+        let mut frames = vec![draw_on_plane(&nearest, &camera, focus)];
         for sprites in &sprites {
             for variant in [SpriteVariant::Homography, SpriteVariant::TwoPass] {
-                drawn.push(draw(sprites, variant, &camera, build_ms));
+                frames.push(draw_sprites(sprites, variant, &camera, build_ms));
             }
         }
         let scene = set.folder.display().to_string();
-        let nowhere = vec![false; visible.len()];
-        let judge = HeldOutComparison::where_all_show(
+        let comparison = HeldOutComparison::covered_by_all(
             &scene,
             &view.name,
             &truth,
-            (&visible, &nowhere),
-            &drawn,
+            &visible,
+            &vec![false; visible.len()],
+            &frames,
         );
-        rows.extend(
-            VARIANTS
-                .into_iter()
-                .zip(&drawn)
-                .map(|(variant, drawn)| judge.row(variant, drawn)),
-        );
+        rows.extend(comparison.rows(VARIANTS, &frames));
         let pictures: Vec<&RgbImage> = std::iter::once(&truth)
-            .chain(drawn.iter().map(|drawn| &drawn.picture))
+            .chain(frames.iter().map(|frame| &frame.picture))
             .collect();
         show(&view.name, &pictures);
     }
@@ -242,20 +227,19 @@ pub fn measure(
     Ok((report, layers))
 }
 
-/// A frame of sprites, magenta where nothing is known.
-fn draw(
+/// Draws a frame of sprites; holes are magenta.
+fn draw_sprites(
     sprites: &Composition,
     variant: SpriteVariant,
     camera: &Camera,
     build_ms: f64,
-) -> GainedFrame {
+) -> HeldOutFrame {
     let (mut composer, mut frame) = (Composer::default(), Frame::default());
-    let options = RenderOptions {
-        variant,
-        ..RenderOptions::default()
-    };
     let settings = ComposeSettings {
-        sprites: options,
+        sprites: RenderOptions {
+            variant,
+            ..RenderOptions::default()
+        },
         ..ComposeSettings::default()
     };
     sprites.render(&mut composer, camera, &settings, &mut frame);
@@ -266,28 +250,25 @@ fn draw(
         sprite.sprite().color().len() + (columns * rows) as usize
     });
     let frame_ms = stats.sprites_ms + stats.cubes_ms + stats.compose_ms;
-    GainedFrame::new(&frame, [1.0; 3], Some(HOLE)).took(frame_ms, build_ms, bytes.sum())
+    let hole = Some(HOLE);
+    HeldOutFrame::new(&frame, [1.0; 3], hole, frame_ms, build_ms, bytes.sum())
 }
 
-/// Depth found for the middle view, and that of its layers, compared with the depth in its files.
+/// Compares the estimated depth of the middle view, and that of its planes and layers, with the
+/// depth in its files.
 fn depth_rows(view: &View, layers: &PlanarLayers) -> Result<Vec<DepthRow>, HoldOutError> {
     if !view.has_own_depth() {
         return Ok(Vec::new());
     }
-    let known = on_canvas(&view.load()?, &layers.camera);
+    let known = reproject_depth(&view.load()?, &layers.camera);
     let row = |of: &'static str, depth: &[f32]| {
         let mut agreement = Agreement::default();
         agreement.add(depth, &known);
-        let (covered, within, median) = (
-            agreement.covered_share(),
-            agreement.shares_within(),
-            agreement.median_error(),
-        );
         DepthRow {
             of,
-            covered,
-            within,
-            median,
+            covered: agreement.covered_share(),
+            within: agreement.shares_within(),
+            median: agreement.median_error(),
         }
     };
     Ok(vec![
@@ -297,8 +278,8 @@ fn depth_rows(view: &View, layers: &PlanarLayers) -> Result<Vec<DepthRow>, HoldO
     ])
 }
 
-/// The depth of a view on the pixels of a camera with its eye and direction, NaN where unknown.
-fn on_canvas(view: &LoadedView, camera: &Camera) -> Vec<f32> {
+/// Samples the depth of a view at the pixels of a camera with the same pose, NaN where unknown.
+fn reproject_depth(view: &LoadedView, camera: &Camera) -> Vec<f32> {
     let depth = |pixel: u32| {
         let (x, y) = (pixel % camera.width(), pixel / camera.width());
         let ahead = camera.eye() + camera.direction(f64::from(x) + 0.5, f64::from(y) + 0.5);
@@ -315,13 +296,13 @@ fn on_canvas(view: &LoadedView, camera: &Camera) -> Vec<f32> {
 }
 
 impl SequenceReport {
-    /// Some lines and tables.
+    /// Formats a summary with tables.
     pub fn summary(&self) -> String {
         let mut table = Table::new([
             "variant", "PSNR dB", "FLIP", "MAD", "covered", "frame ms", "MB",
         ]);
         for variant in VARIANTS {
-            let rows = Rows::of(&self.rows, variant);
+            let rows = VariantRows::new(&self.rows, variant);
             let costs = [
                 figure(rows.mean(|row| row.frame_ms)),
                 figure(rows.mean(|row| row.bytes as f64 / 1e6)),

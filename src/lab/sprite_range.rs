@@ -13,38 +13,38 @@ use headbox_sprite::{
 use headbox_trace::truth;
 use std::fmt::Write;
 
-/// By how much mean FLIP may rise above what it is where the sprites were taken before a viewer
-/// notices at a glance: what a blurred edge here and there comes to.
+/// Increase of mean FLIP over that at the sprites' camera that a viewer notices at a glance; it
+/// corresponds to a few blurred edges.
 pub const VISIBLE: f64 = 0.1;
 
-/// Displacements of the eye, in shares of the distance to what is looked at.
+/// Displacements of the eye, in shares of the distance to the target.
 const SHARES: [f64; 9] = [0.0, 0.025, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5];
 
-/// One displacement of the eye.
+/// Errors at one displacement of the eye.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RangePlace {
     /// Distance of the eye from the sprites' camera, metres.
     pub displacement_m: f64,
-    /// Largest way that a point moves against its sprite's plane, pixels of the sprites.
+    /// Largest displacement of a point relative to its sprite's plane, pixels of the sprites.
     pub parallax_px: f64,
-    /// Mean FLIP, in the order of [`SpriteVariant::ALL`].
+    /// Mean FLIP of each variant, in the order of [`SpriteVariant::ALL`].
     pub flips: [f64; SpriteVariant::ALL.len()],
 }
 
-/// Errors seen by a moving eye.
+/// Errors of sprites over the displacement of the eye.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SpriteRange {
-    /// From where the sprites were taken outwards.
+    /// Errors by increasing displacement.
     pub places: Vec<RangePlace>,
 }
 
 impl SpriteRange {
-    /// Draws `set`, taken by `reference`, by every variant as the eye goes to the right and a
-    /// little up and looks at the same point, against truth with the rays, light and size of the
-    /// capture. `None` if nothing lies straight ahead.
+    /// Draws `set`, captured by `reference`, in every variant while the eye moves to the right and a
+    /// little up and looks at the same point, and compares with truth with the rays, light and size
+    /// of the capture. `None` if no sprite is straight ahead.
     ///
     /// # Errors
-    /// [`ReportError::Camera`] and [`ReportError::Metric`], for numbers out of range.
+    /// [`ReportError::Camera`] and [`ReportError::Metric`] for numbers out of range.
     pub fn measure(
         capture: &SlabCapture,
         reference: &Camera,
@@ -93,7 +93,7 @@ impl SpriteRange {
         Ok(Some(Self { places }))
     }
 
-    /// The places as comma-separated values, a header first.
+    /// Formats the errors as comma-separated values with a header.
     pub fn to_csv(&self) -> String {
         let mut csv = String::from("displacement_m,parallax_px");
         for variant in SpriteVariant::ALL {
@@ -114,26 +114,23 @@ impl SpriteRange {
         csv + "\n"
     }
 
-    /// A line for each variant.
+    /// Charts the errors, a line for each variant.
     pub fn chart(&self, name: &str) -> Chart {
-        let points = |index: usize| {
-            let point = |place: &RangePlace| ChartPoint {
+        let series = SpriteVariant::ALL.iter().enumerate();
+        let series = series.map(|(index, variant)| {
+            let points = self.places.iter().map(|place| ChartPoint {
                 at: [place.displacement_m, place.flips[index]],
                 name: String::new(),
                 spread: None,
-            };
-            self.places.iter().map(point).collect()
-        };
-        let series = SpriteVariant::ALL
-            .iter()
-            .enumerate()
-            .map(|(index, variant)| Series {
+            });
+            Series {
                 name: variant.name().into(),
-                points: points(index),
+                points: points.collect(),
                 joined: true,
                 hollow: false,
                 color: index,
-            });
+            }
+        });
         Chart {
             title: format!("{name}: range of sprites with depth"),
             note: "The eye moves to the right and a little up from where the sprites were taken, and looks at the same point."
@@ -145,7 +142,8 @@ impl SpriteRange {
         }
     }
 
-    /// For each variant up to where its error stays below [`VISIBLE`] more than at the start.
+    /// Formats for each variant the displacement up to which its error rises by less than
+    /// [`VISIBLE`].
     pub fn sentences(&self) -> Vec<String> {
         let sentence = |(index, variant): (usize, &SpriteVariant)| {
             let start = self.places.first().map_or(0.0, |place| place.flips[index]);
@@ -170,7 +168,7 @@ impl SpriteRange {
     }
 }
 
-/// Distance to the nearest sprite along the viewing axis, metres.
+/// Returns the distance to the nearest sprite along the viewing axis, metres.
 fn distance_ahead(set: &SpriteSet, camera: &Camera) -> Option<f64> {
     let distance = |sprite: &PreparedSprite| {
         let sprite = sprite.sprite();
@@ -184,7 +182,8 @@ fn distance_ahead(set: &SpriteSet, camera: &Camera) -> Option<f64> {
         .min_by(f64::total_cmp)
 }
 
-/// Largest way that a point moves against its plane, pixels of the sprites.
+/// Returns the largest displacement of a point relative to its sprite's plane, pixels of the
+/// sprites.
 fn largest_parallax_px(set: &SpriteSet, target: &Camera) -> f64 {
     let parallax = |sprite: &PreparedSprite| {
         let sprite = sprite.sprite();

@@ -1,9 +1,9 @@
-//! Medians, spreads, means of decibels, and what nothing beats.
+//! Statistics: median and spread, pooled PSNR, Pareto front.
 
 use headbox_core::statistics::quantile;
 use serde::{Deserialize, Serialize};
 
-/// The middle of some values and how far they spread; all 0 of none.
+/// Location and spread of a set of values; the default is 0 throughout.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Spread {
     /// Median.
@@ -12,45 +12,44 @@ pub struct Spread {
     pub mean: f64,
     /// First and third quartile.
     pub quartiles: [f64; 2],
-    /// The value that 95 % do not exceed.
+    /// 95th percentile.
     pub p95: f64,
-    /// The largest.
+    /// Maximum.
     pub worst: f64,
 }
 
 impl Spread {
-    /// Computes the statistics of values in any order; `None` if there are none.
-    pub fn of(values: &[f64]) -> Option<Self> {
+    /// Computes the statistics of values in any order; `None` without values.
+    pub fn from_values(values: &[f64]) -> Option<Self> {
         let mut sorted = values.to_vec();
         sorted.sort_unstable_by(f64::total_cmp);
-        let at = |share| quantile(&sorted, share);
-        let quartiles = [at(0.25)?, at(0.75)?];
+        let quantile = |share| quantile(&sorted, share);
         Some(Self {
-            median: at(0.5)?,
+            median: quantile(0.5)?,
             mean: mean(values.iter().copied()),
-            quartiles,
-            p95: at(0.95)?,
-            worst: at(1.0)?,
+            quartiles: [quantile(0.25)?, quantile(0.75)?],
+            p95: quantile(0.95)?,
+            worst: quantile(1.0)?,
         })
     }
 }
 
-/// Mean squared error of values in 0..=1 that a PSNR stands for; 0 for an infinite one.
-pub fn mse_of_psnr(psnr_db: f64) -> f64 {
+/// Returns the mean squared error (values in 0..=1) of a PSNR in dB; 0 for an infinite one.
+pub fn mse_from_psnr(psnr_db: f64) -> f64 {
     10f64.powf(-psnr_db / 10.0)
 }
 
-/// PSNR of a mean squared error of values in 0..=1, dB.
-pub fn psnr_of_mse(mse: f64) -> f64 {
+/// Returns the PSNR in dB of a mean squared error (values in 0..=1).
+pub fn psnr_from_mse(mse: f64) -> f64 {
     -10.0 * mse.log10()
 }
 
-/// The PSNR of several images taken as one, dB: the mean is over squared errors, not over decibels.
+/// Returns the PSNR of several images taken as one, dB: squared errors are averaged, not decibels.
 pub fn pooled_psnr_db(psnr_db: impl IntoIterator<Item = f64>) -> f64 {
-    psnr_of_mse(mean(psnr_db.into_iter().map(mse_of_psnr)))
+    psnr_from_mse(mean(psnr_db.into_iter().map(mse_from_psnr)))
 }
 
-/// Arithmetic mean; NaN of nothing.
+/// Returns the arithmetic mean, NaN without values.
 pub fn mean(values: impl IntoIterator<Item = f64>) -> f64 {
     let (sum, count) = values
         .into_iter()
@@ -58,8 +57,8 @@ pub fn mean(values: impl IntoIterator<Item = f64>) -> f64 {
     sum / f64::from(count)
 }
 
-/// Pareto front of (cost, error) pairs: those for which no other costs at most as much and errs at
-/// most as much, one of the two by less. In order of cost; non-finite pairs are ignored.
+/// Returns the indices of the Pareto front of (cost, error) pairs in order of cost: the pairs that
+/// no other pair dominates. Non-finite pairs are ignored.
 pub fn pareto_front(points: &[[f64; 2]]) -> Vec<usize> {
     let mut order: Vec<usize> = (0..points.len())
         .filter(|&i| points[i].iter().all(|c| c.is_finite()))
@@ -88,8 +87,8 @@ mod tests {
 
     #[test]
     fn spread_describes_values() {
-        assert_eq!(Spread::of(&[]), None);
-        let spread = Spread::of(&[4.0, 1.0, 2.0, 13.0]).expect("values");
+        assert_eq!(Spread::from_values(&[]), None);
+        let spread = Spread::from_values(&[4.0, 1.0, 2.0, 13.0]).expect("values");
         assert_eq!((spread.median, spread.mean, spread.worst), (3.0, 5.0, 13.0));
         assert_eq!(spread.quartiles, [1.75, 6.25]);
         assert!((spread.p95 - 11.65).abs() < 1e-12, "{}", spread.p95);
@@ -98,7 +97,7 @@ mod tests {
     #[test]
     fn decibels_are_pooled_as_errors() {
         assert!((pooled_psnr_db([20.0, 20.0]) - 20.0).abs() < 1e-12);
-        // Half of the squared error of one of two.
+        // The mean of a squared error and 0.
         assert!(
             (pooled_psnr_db([20.0, f64::INFINITY]) - (20.0 + 10.0 * 2f64.log10())).abs() < 1e-12
         );

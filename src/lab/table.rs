@@ -1,15 +1,15 @@
-//! Tables in Markdown, and how numbers are written in them.
+//! Markdown tables and number formats.
 
 use std::fmt::{Display, Formatter, Result};
 
-/// A table that grows row by row.
+/// A Markdown table.
 #[derive(Clone, Debug)]
 pub struct Table {
     text: String,
 }
 
 impl Table {
-    /// A table without rows.
+    /// Creates a table without rows.
     pub fn new<S: AsRef<str>>(header: impl IntoIterator<Item = S>) -> Self {
         let mut table = Self {
             text: String::new(),
@@ -24,12 +24,12 @@ impl Table {
         self.line(cells);
     }
 
-    /// Returns the number of cells.
+    /// Writes a line of the table; returns the number of cells.
     fn line<S: AsRef<str>>(&mut self, cells: impl IntoIterator<Item = S>) -> usize {
         self.text.push('|');
         let mut columns = 0;
         for cell in cells {
-            // A name with the sign of a cell's end in it is still one cell.
+            // Escaped: a bar would end the cell.
             self.text += &format!(" {} |", cell.as_ref().replace('|', "\\|"));
             columns += 1;
         }
@@ -44,7 +44,7 @@ impl Display for Table {
     }
 }
 
-/// Three digits.
+/// Formats a number with three significant digits, fewer if it is small.
 pub fn figure(value: f64) -> String {
     match value.abs() {
         0.0 => "0".into(),
@@ -57,7 +57,7 @@ pub fn figure(value: f64) -> String {
     }
 }
 
-/// A share in percent.
+/// Formats a share in percent.
 pub fn percent(share: f64) -> String {
     let percent = 100.0 * share;
     if percent < 1.0 {

@@ -1,27 +1,22 @@
-//! Truth for a report: ray-traced frames, kept in a cache by what they are made of.
+//! Truth for a report: ray-traced frames, cached by a digest of all inputs.
 
 use glam::Vec3;
 use headbox_core::camera::Camera;
 use headbox_core::container::{Container, ContainerWriter, FileError, FileKind};
 use headbox_core::file_frame::UpAxis;
 use headbox_core::frame::{Coverage, Frame};
-use headbox_core::progress::Progress;
-use headbox_photos::cache;
-use headbox_photos::cache::InUse;
+use headbox_core::progress::{Progress, Silent};
+use headbox_photos::cache::{self, InUse};
 use headbox_scene::scene::Scene;
 use headbox_trace::bvh::Tracer;
 use headbox_trace::light::Lighting;
-use headbox_trace::truth;
-use headbox_trace::truth::Truth;
+use headbox_trace::truth::{self, Truth};
 use serde::{Deserialize, Serialize};
 use std::hash::{DefaultHasher, Hasher};
 use std::path::{Path, PathBuf};
 
-/// A cached truth frame.
-const TRUTH_FILE: FileKind = FileKind::TRUTH;
-
-/// The sections of the two halves of its samples; a file without them, of an earlier program, is
-/// traced anew.
+/// Sections of the two halves of the samples. Files of earlier programs lack them and are traced
+/// again.
 const HALVES: [&str; 2] = ["half 1", "half 2"];
 
 /// Header of a cached frame.
@@ -33,7 +28,7 @@ struct Header {
     standard_error_psnr_db: f64,
 }
 
-/// Traces truth frames of one scene and light, or finds them in the cache.
+/// Truth frames of one scene and light, traced or read from the cache.
 pub struct Truths<'a> {
     tracer: &'a Tracer,
     lighting: &'a Lighting,
@@ -43,8 +38,8 @@ pub struct Truths<'a> {
 }
 
 impl<'a> Truths<'a> {
-    /// Truth of a scene; `lit` as in [`truth::render`]. Frames are kept in `folder`, if there is
-    /// one; it must exist.
+    /// Creates the truth of a scene; `lit` as in [`truth::render`]. Frames are cached in `folder`,
+    /// which must exist.
     pub fn new(
         tracer: &'a Tracer,
         lighting: &'a Lighting,
@@ -60,33 +55,26 @@ impl<'a> Truths<'a> {
         }
     }
 
-    /// The frame of a camera with `samples` rays per pixel.
+    /// Returns the frame of a camera with `samples` rays per pixel.
     pub fn frame(&self, camera: &Camera, samples: u32, progress: &dyn Progress) -> Truth {
         let path = self
             .folder
             .as_ref()
             .map(|folder| folder.join(self.name(camera, samples)));
         let size = (camera.width(), camera.height());
-        // Of another size it is not this camera's, whatever its name says.
-        let kept = path
+        // A file of another size is not this camera's, whatever its name.
+        let cached = path
             .as_deref()
             .and_then(|path| read(path).ok())
             .filter(|truth| (truth.frame.width, truth.frame.height) == size);
-        if let Some(truth) = kept {
-            // It was read: that it cannot be marked as used does no harm.
+        if let Some(truth) = cached {
+            // Failing to mark the file as used does no harm.
             let _ = path.as_deref().map(InUse::of);
             return truth;
         }
-        let truth = truth::render(
-            self.tracer,
-            self.lighting,
-            self.lit,
-            camera,
-            samples,
-            progress,
-        );
+        let truth = self.render(camera, samples, progress);
         if let (Some(path), Some(folder)) = (path, &self.folder) {
-            // A cache that cannot be written costs time, and no more.
+            // Failing to write the cache costs only time.
             if write(&path, &truth).is_ok() {
                 cache::evict_to(folder, cache::MOST_BYTES);
             }
@@ -94,9 +82,20 @@ impl<'a> Truths<'a> {
         truth
     }
 
-    /// The name of a frame's file: a digest of all that decides its pixels. A small frame of two
-    /// rays per pixel is part of it, so that a program that traces or lights otherwise finds
-    /// nothing of this one's.
+    fn render(&self, camera: &Camera, samples: u32, progress: &dyn Progress) -> Truth {
+        truth::render(
+            self.tracer,
+            self.lighting,
+            self.lit,
+            camera,
+            samples,
+            progress,
+        )
+    }
+
+    /// Returns the name of a frame's file: a digest of all inputs. It includes a small frame of two
+    /// rays per pixel, so that a program with different tracing or light does not find this one's
+    /// files.
     fn name(&self, camera: &Camera, samples: u32) -> String {
         let small = Camera::from_parts(
             camera.eye(),
@@ -105,17 +104,7 @@ impl<'a> Truths<'a> {
             16,
             12,
         );
-        let witness = small.map(|small| {
-            truth::render(
-                self.tracer,
-                self.lighting,
-                self.lit,
-                &small,
-                2,
-                &headbox_core::progress::Silent,
-            )
-            .rgb()
-        });
+        let small = small.map(|small| self.render(&small, 2, &Silent).rgb());
         cache::file_name("truth", |hash| {
             self.scene.iter().for_each(|part| hash.write_u64(*part));
             let numbers = [camera.eye().to_array(), [camera.focal_px(), 0.0, 0.0]].concat();
@@ -133,7 +122,7 @@ impl<'a> Truths<'a> {
             .for_each(|v| hash.write_u32(*v));
             hash.write_u32(self.lighting.exposure.to_bits());
             hash.write_u8(u8::from(self.lit));
-            witness.iter().for_each(|image| hash.write(image.as_raw()));
+            small.iter().for_each(|image| hash.write(image.as_raw()));
         })
     }
 }
@@ -154,7 +143,7 @@ fn write(path: &Path, truth: &Truth) -> Result<(), FileError> {
         .iter()
         .map(|pixel| f32::from(pixel.splat_share()) / 255.0)
         .collect();
-    let mut writer = ContainerWriter::new(TRUTH_FILE);
+    let mut writer = ContainerWriter::new(FileKind::TRUTH);
     writer.section("info", move || Ok(serde_json::to_vec(&header)?));
     writer.section("color", || Ok(truth.rgb().into_raw()));
     for (name, half) in HALVES.into_iter().zip(&truth.halves) {
@@ -165,7 +154,7 @@ fn write(path: &Path, truth: &Truth) -> Result<(), FileError> {
 }
 
 fn read(path: &Path) -> Result<Truth, FileError> {
-    let file = Container::open(path, TRUTH_FILE)?;
+    let file = Container::open(path, FileKind::TRUTH)?;
     let info = file.section("info")?;
     let Header {
         width,
@@ -178,24 +167,22 @@ fn read(path: &Path) -> Result<Truth, FileError> {
     let halves = [half(HALVES[0])?, half(HALVES[1])?];
     let shares: Vec<f32> = file.section("surface")?.array(pixels)?;
     let color = color.into_iter().map(|[r, g, b]| [r, g, b, 255]).collect();
-    let coverage = shares.into_iter().map(coverage_of).collect();
-    let frame = Frame {
-        width,
-        height,
-        color,
-        coverage,
-        depth_m: Vec::new(),
-    };
     Ok(Truth {
-        frame,
+        frame: Frame {
+            width,
+            height,
+            color,
+            coverage: shares.into_iter().map(coverage_from_share).collect(),
+            depth_m: Vec::new(),
+        },
         radiance: Vec::new(),
         halves,
         standard_error_psnr_db,
     })
 }
 
-/// The coverage whose share of 255 was written; less than all is never full.
-fn coverage_of(share: f32) -> Coverage {
+/// Returns the coverage of a stored share; a partial share never gives full coverage.
+fn coverage_from_share(share: f32) -> Coverage {
     const ROUNDING: f32 = 0.01;
     if share > 0.0 {
         Coverage::from_splat_share((share * 255.0 + ROUNDING) as u8)
@@ -238,10 +225,9 @@ fn hash_scene(scene: &Scene, hash: &mut DefaultHasher) {
     );
 }
 
-/// Rays per pixel after which a frame's standard error should be `wanted_db`, if it is `reached_db`
-/// after `samples`: the squared error falls as 1 / samples. A fifth more for good measure; at most
-/// 16 times as many at once, because the measured standard error of few samples says little of that
-/// of many.
+/// Estimates the rays per pixel for a standard error of `wanted_db`, given `reached_db` after
+/// `samples`: the squared error is proportional to 1 / samples. Adds a margin of a fifth; returns at
+/// most 16 times as many, because the standard error measured with few samples is unreliable.
 pub fn samples_for(wanted_db: f64, reached_db: f64, samples: u32, most: u32) -> u32 {
     let factor = (10f64.powf((wanted_db - reached_db) / 10.0) * 1.2).clamp(1.0, 16.0);
     let wanted = (f64::from(samples) * factor / 16.0).ceil() * 16.0;
@@ -251,10 +237,9 @@ pub fn samples_for(wanted_db: f64, reached_db: f64, samples: u32, most: u32) -> 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::stats::psnr_of_mse;
+    use crate::stats::psnr_from_mse;
     use glam::DVec3;
     use headbox_core::metrics;
-    use headbox_core::progress::Silent;
     use std::sync::Arc;
 
     #[test]
@@ -271,12 +256,15 @@ mod tests {
         };
         let truths = Truths::new(&tracer, &lighting, true, Some(folder.path().into()));
         let first = truths.frame(&camera(0.0), 4, &Silent);
-        // What is kept are the levels, without the radiance that they came from.
-        let kept = Truth {
+        // The file has no radiance.
+        let cached = Truth {
             radiance: Vec::new(),
             ..first.clone()
         };
-        assert_eq!((kept, files()), (truths.frame(&camera(0.0), 4, &Silent), 1));
+        assert_eq!(
+            (cached, files()),
+            (truths.frame(&camera(0.0), 4, &Silent), 1)
+        );
         assert_eq!(
             first,
             Truths::new(&tracer, &lighting, true, None).frame(&camera(0.0), 4, &Silent)
@@ -292,7 +280,7 @@ mod tests {
         );
         assert_eq!(files(), 4);
         assert_ne!(first.frame.color, other.frame.color);
-        // Frames used longest ago make room for another.
+        // The least recently used frames are evicted.
         let large = folder.path().join(cache::file_name("truth", |_| {}));
         let file = std::fs::File::create(&large).expect("made");
         file.set_len(cache::MOST_BYTES).expect("nothing is written");
@@ -302,7 +290,7 @@ mod tests {
         assert!(large.exists(), "nothing was written");
         truths.frame(&camera(0.02), 4, &Silent);
         assert_eq!((large.exists(), files()), (false, 5));
-        // A damaged file is no file.
+        // A damaged file is ignored.
         let damaged = std::fs::read_dir(folder.path()).expect("there").flatten();
         damaged.for_each(|file| std::fs::write(file.path(), b"HEADBOX\0trth").expect("written"));
         assert_eq!(first, truths.frame(&camera(0.0), 4, &Silent));
@@ -317,7 +305,7 @@ mod tests {
         let camera =
             Camera::look_at(centre, centre - DVec3::Z, DVec3::Y, 60.0, [48, 36]).expect("valid");
         let frame = |samples| truth::render(&tracer, &lighting, true, &camera, samples, &Silent);
-        // A picture that is off by a known error from what truth converges to.
+        // A picture with a known error against converged truth.
         let mut off = frame(2048).rgb();
         for (i, level) in off.iter_mut().enumerate() {
             *level = if i % 2 == 0 {
@@ -330,7 +318,7 @@ mod tests {
         let noisy = frame(64);
         let seen = metrics::psnr_db(&noisy.rgb(), &off).expect("sizes fit");
         let [first, second] = &noisy.halves();
-        let own = psnr_of_mse(
+        let own = psnr_from_mse(
             metrics::own_error([first, second], &off)
                 .expect("sizes fit")
                 .mse,
@@ -339,7 +327,7 @@ mod tests {
             seen < exact - 2.0,
             "the noise of truth shows: {seen} and {exact} dB"
         );
-        // Levels are no linear measure of light, so that noise moves their mean a little.
+        // sRGB levels are not linear in light, so that noise shifts their mean slightly.
         assert!((own - exact).abs() < 0.5, "{own} and {exact} dB");
     }
 

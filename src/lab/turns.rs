@@ -1,41 +1,38 @@
-//! Repeated timing in turns: a slow phase of the machine slows all contenders, and each finds the
-//! caches as another left them.
+//! Timing of contenders in turns: a slow phase of the machine affects all of them, and each starts
+//! with the caches that another one left.
 
 use std::hint::black_box;
 use std::time::Instant;
 
-/// Runs `f` and returns the time that it took, ms.
+/// Runs `f` and returns the elapsed time, ms.
 pub fn time_ms<T>(f: impl FnOnce() -> T) -> f64 {
     let started = Instant::now();
     black_box(f());
     started.elapsed().as_secs_f64() * 1e3
 }
 
-/// Runs each contender once a round, one after another, every other round backwards (A B C, C B A,
-/// ...). Returns the results of `run` by contender and round; a `None` is left out.
-pub fn in_turns<W, T>(
-    ways: &mut [W],
+/// Runs each contender once per round, every second round in reverse order (A B C, C B A, ...).
+/// Returns the results of `run` by contender and round; a `None` is left out.
+pub fn in_turns<C, T>(
+    contenders: &mut [C],
     rounds: u32,
-    mut run: impl FnMut(usize, &mut W) -> Option<T>,
+    mut run: impl FnMut(usize, &mut C) -> Option<T>,
 ) -> Vec<Vec<T>> {
-    let mut made: Vec<Vec<T>> = ways
-        .iter()
-        .map(|_| Vec::with_capacity(rounds as usize))
-        .collect();
+    let mut results: Vec<Vec<T>> = contenders.iter().map(|_| Vec::new()).collect();
     for round in 0..rounds {
-        for turn in 0..ways.len() {
-            let number = if round % 2 == 0 {
+        for turn in 0..contenders.len() {
+            let index = if round % 2 == 0 {
                 turn
             } else {
-                ways.len() - 1 - turn
+                contenders.len() - 1 - turn
             };
-            made[number].extend(run(number, &mut ways[number]));
+            results[index].extend(run(index, &mut contenders[index]));
         }
     }
-    made
+    results
 }
 
-/// Returns the least of some times, the most robust estimate: a busy machine only adds to a time.
+/// Returns the least of some times, the most robust estimate: other load only adds time.
 pub fn least(times: &[f64]) -> Option<f64> {
     times.iter().copied().reduce(f64::min)
 }
@@ -47,12 +44,12 @@ mod tests {
     #[test]
     fn contenders_take_turns_and_may_sit_out() {
         let mut order = Vec::new();
-        let made = in_turns(&mut ['a', 'b', 'c'], 3, |number, way| {
-            order.push(*way);
-            (number != 1).then_some(order.len())
+        let results = in_turns(&mut ['a', 'b', 'c'], 3, |index, contender| {
+            order.push(*contender);
+            (index != 1).then_some(order.len())
         });
         assert_eq!(order.iter().collect::<String>(), "abccbaabc");
-        assert_eq!(made, [vec![1, 6, 7], vec![], vec![3, 4, 9]]);
+        assert_eq!(results, [vec![1, 6, 7], vec![], vec![3, 4, 9]]);
         assert_eq!((least(&[2.0, 1.0]), least(&[])), (Some(1.0), None));
     }
 }

@@ -9,7 +9,7 @@ use headbox_cube::render::setup::plan::FramePlan;
 use rayon::prelude::*;
 use std::time::Instant;
 
-/// Rows that a thread assembles at a time.
+/// Number of rows in a task of a thread.
 const ROWS_AT_ONCE: usize = 8;
 
 /// Columns of a row up to `end`, and the index of the canvas that has their pixels.
@@ -29,7 +29,7 @@ pub(super) struct RowOwners {
 pub(super) struct Assembly<'a> {
     pub(super) plan: &'a FramePlan,
     pub(super) boundaries: &'a [Boundary],
-    /// One for each fragment between `boundaries`, then one for each boundary.
+    /// A canvas for each fragment between `boundaries`, then one for each boundary.
     pub(super) canvases: &'a [BandRenderer],
     pub(super) background: EnvironmentBackground<'a>,
 }

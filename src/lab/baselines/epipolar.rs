@@ -11,10 +11,10 @@ use headbox_core::cube_face::Face;
 use headbox_cube::render::setup::transfer::Transfer;
 use std::ops::Range;
 
-/// The baseline.
+/// The baseline from an LDI's centre to the eye.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Baseline {
-    /// Two directions perpendicular to it and to each other.
+    /// Two unit vectors perpendicular to the baseline and to each other.
     across: [DVec3; 2],
 }
 
@@ -67,8 +67,8 @@ impl Rays {
     }
 }
 
-/// Returns the diamond angle of a vector, 0 to 4: it grows with the angle, and a quarter turn is 1.
-/// (The perimeter of a square instead of a circle, which needs one division.)
+/// Returns the diamond angle of a vector, 0 to 4: monotonic in the angle, with 1 for a quarter turn.
+/// It measures the perimeter of a square instead of a circle, which needs only one division.
 pub(super) fn diamond_angle(v: DVec2) -> f64 {
     let sum = v.x.abs() + v.y.abs();
     if sum == 0.0 {
@@ -102,7 +102,7 @@ pub(super) struct AngleHistogram {
 }
 
 impl AngleHistogram {
-    /// Number of bins. At 1,024 px, an eighth of a turn is 512 px long.
+    /// Number of bins: 512 for an eighth of a turn, half of a face of 1,024 px.
     const BINS: usize = 4096;
 
     pub(super) fn clear(&mut self) {
@@ -117,8 +117,8 @@ impl AngleHistogram {
         }
     }
 
-    /// Writes ascending angles that divide the weight into `count` equal parts; none for a single
-    /// part. One of them lies in the longest empty gap, if there is one.
+    /// Computes ascending angles that divide the weight into `count` equal parts, none for a single
+    /// part. One of them is in the longest empty gap, if there is one.
     pub(super) fn divide(&self, count: usize, angles: &mut Vec<f64>) {
         angles.clear();
         let total: u64 = self.bins.iter().sum();
@@ -144,8 +144,8 @@ impl AngleHistogram {
         angles.sort_unstable_by(f64::total_cmp);
     }
 
-    /// Returns the bin in the middle of the longest run of empty bins, or else the bin of least
-    /// weight.
+    /// Returns the bin in the middle of the longest run of empty bins, or the bin of least weight if
+    /// none is empty.
     fn middle_of_longest_gap(&self) -> usize {
         let bins = self.bins.len();
         let mut longest = 0;
@@ -173,8 +173,8 @@ pub(super) struct Boundary {
     angle: f64,
     /// Unit vector away from the baseline.
     direction: DVec2,
-    /// Change of the coordinates across and along the boundary over a frame pixel in x and one in y
-    /// together, at eye depth 1.
+    /// Largest change of the coordinates across and along the boundary over one frame pixel in x and
+    /// in y, at eye depth 1.
     per_px: DVec2,
     /// Upper bound of the radii of footprints that touch the boundary in the frame, px.
     pub(super) radius_px: f64,
@@ -210,7 +210,8 @@ impl Boundary {
         DVec2::new(self.direction.perp_dot(v), self.direction.dot(v))
     }
 
-    /// Returns where a row crosses the line of the boundary, px, if it does in one point.
+    /// Returns the x at which a row crosses the line of the boundary, px; `None` if they are
+    /// parallel.
     fn crossing(&self, rays: &Rays) -> Option<f64> {
         let x = -self.direction.perp_dot(rays.start) / self.direction.perp_dot(rays.step);
         x.is_finite().then_some(x)
@@ -344,7 +345,7 @@ impl RowDivision {
             }
             // Between pixels if necessary: a pixel on the baseline has no angle.
             let middle = f64::from(start) + f64::from(end - start) / 2.0;
-            let fragment = fragment_of(boundaries, diamond_angle(rays.evaluate(middle)));
+            let fragment = fragment_at(boundaries, diamond_angle(rays.evaluate(middle)));
             match self.parts.last_mut() {
                 Some(last) if last.fragment == fragment => last.columns.end = end,
                 _ => self.parts.push(RowPart {
@@ -359,7 +360,7 @@ impl RowDivision {
 }
 
 /// Returns the fragment that contains a diamond angle. The boundaries' angles ascend.
-fn fragment_of(boundaries: &[Boundary], angle: f64) -> usize {
+fn fragment_at(boundaries: &[Boundary], angle: f64) -> usize {
     let next = boundaries.partition_point(|boundary| boundary.angle <= angle);
     next.checked_sub(1)
         .unwrap_or_else(|| boundaries.len().saturating_sub(1))

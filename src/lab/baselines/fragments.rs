@@ -23,8 +23,8 @@
 //!
 //! Every pixel thus receives the same splats in the same order as on one thread: the frame has the
 //! same bits, for all kernels and numbers of fragments. The cost is a canvas of the whole frame for
-//! each fragment and each boundary (4 or 16 bytes a pixel), which exceeds the cache and may be read
-//! by another thread than its writer, clipping on one thread, and the depth pixels that are drawn
+//! each fragment and each boundary (4 or 16 bytes per pixel), which exceeds the cache and may be
+//! read by another thread than its writer; clipping on one thread; and depth pixels that are drawn
 //! twice. The product therefore uses bands (docs/decisions/0053).
 
 use super::assemble::{Assembly, RowOwners};
@@ -74,22 +74,12 @@ pub struct FragmentStats {
     pub largest_fragment: u64,
 }
 
-impl From<FrameStats> for FragmentStats {
-    /// Statistics of a frame in bands.
-    fn from(frame: FrameStats) -> Self {
-        Self {
-            frame,
-            ..Self::default()
-        }
-    }
-}
-
-/// Renders frames in fragments; owns the buffers.
+/// Renderer of frames in fragments, with its buffers.
 #[derive(Default)]
 pub struct FragmentRenderer {
     plan: FramePlan,
     division: Division,
-    /// One for each fragment, then one for each boundary.
+    /// A canvas for each fragment, then one for each boundary.
     canvases: Vec<BandRenderer>,
     owners: RowOwners,
     filler: HoleFiller,
@@ -109,8 +99,8 @@ impl FragmentRenderer {
         }
     }
 
-    /// Renders a frame in `count` fragments, at most [`MAX_FRAGMENTS`], or 0 for one a thread, on
-    /// the current rayon thread pool. Cubes with plane textures are rendered in bands.
+    /// Renders a frame in `count` fragments, at most [`MAX_FRAGMENTS`], 0 for one per thread, on the
+    /// current rayon thread pool. Cubes with plane textures are rendered in bands.
     pub fn render(
         &mut self,
         cube: &CubeLdi,
@@ -121,7 +111,11 @@ impl FragmentRenderer {
         self.is_in_bands = !cube.planes.tiles.is_empty();
         if self.is_in_bands {
             let (frame, stats) = self.bands.render_with_stats(cube, camera, settings);
-            return (frame, (*stats).into());
+            let stats = FragmentStats {
+                frame: *stats,
+                ..FragmentStats::default()
+            };
+            return (frame, stats);
         }
         let started = Instant::now();
         self.frame
@@ -257,7 +251,7 @@ impl SegmentView {
 #[derive(Default)]
 struct Division {
     baseline: Baseline,
-    /// In drawing order.
+    /// Visible parts of the segments in drawing order.
     segments: Vec<SegmentView>,
     histogram: AngleHistogram,
     angles: Vec<f64>,
@@ -300,6 +294,7 @@ impl Division {
         }
     }
 
+    /// Clips segment `i`, and bounds the reach of its visible blocks.
     fn clip(&mut self, i: usize, clip: &SegmentClip, border_px: f64) {
         let view = &mut self.segments[i];
         view.rectangle = clip.clip(&mut view.visible);
@@ -317,7 +312,7 @@ impl Division {
         view.reach_px = reach_px;
     }
 
-    /// Adds the depth pixels in view to the histogram, counted in every fourth row, in runs of 16
+    /// Adds the depth pixels in view to the histogram: those of every fourth row, in runs of 16
     /// columns.
     fn count_samples(&mut self, i: usize, segment: &PackedSegment, face_px: u32) {
         let view = &self.segments[i];

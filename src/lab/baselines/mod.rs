@@ -1,5 +1,4 @@
-//! Baselines of the papers that lose to the product by measurement, built on the parts of its
-//! renderer.
+//! Methods of the papers that measured worse than the product's, built on parts of its renderer.
 //!
 //! * [`fragments`]: the parallel warp along epipolar lines (`epipolar`: their geometry; `assemble`:
 //!   the frame from the canvases of all fragments).

@@ -5,7 +5,7 @@
 pub struct Axis {
     /// Quantity and unit.
     pub name: String,
-    /// Makes equal ratios equally long, not equal differences.
+    /// True for a logarithmic axis.
     pub is_logarithmic: bool,
 }
 
@@ -70,7 +70,7 @@ impl Scale {
         }
     }
 
-    /// Returns the position of a value, not finite if there is none.
+    /// Returns the position of a value, not finite if the axis cannot show it.
     pub(super) fn position(&self, value: f64) -> f64 {
         let value = if self.is_logarithmic {
             value.log10()

@@ -83,12 +83,12 @@ pub(super) fn place_labels(
             .filter(|(j, _)| *j != i)
             .filter_map(|(_, other)| *other)
             .collect();
-        let strangers = || {
+        let other_dots = || {
             dots.iter()
                 .map(|(other, _)| *other)
                 .filter(|other| other.distance(dot) > 0.5 * GAP_PX)
         };
-        let dot_boxes = strangers().map(|other| [other - 0.5 * GAP_PX, other + 0.5 * GAP_PX]);
+        let dot_boxes = other_dots().map(|other| [other - 0.5 * GAP_PX, other + 0.5 * GAP_PX]);
         let boxes: Vec<Rect> = others
             .iter()
             .map(|other| other.rect)
@@ -99,7 +99,7 @@ pub(super) fn place_labels(
                 (area[0] - rect[0]).max(DVec2::ZERO) + (rect[1] - area[1]).max(DVec2::ZERO);
             let covered: f64 = boxes.iter().map(|other| overlap(rect, other)).sum();
             let own = distance(rect, dot).min(BESIDE_PX) + OWN_MARGIN_PX;
-            let nearer = strangers()
+            let nearer = other_dots()
                 .filter(|other| distance(rect, *other) < own)
                 .count() as f64;
             let crossing = on_lines

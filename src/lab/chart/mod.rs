@@ -1,6 +1,6 @@
 //! Charts as SVG: labelled points, lines and a Pareto front over linear or logarithmic axes.
 //!
-//! Labels stand beside what they name: no legend has to be matched by colour.
+//! Labels are next to their points and lines: no legend has to be matched by colour.
 
 mod axis;
 mod labels;
@@ -55,8 +55,8 @@ pub struct Chart {
     pub front: Vec<[f64; 2]>,
 }
 
-/// Colours told apart with any colour vision, after Okabe and Ito (2008): at least 17 CIELAB units
-/// lie between any two, also as people without one kind of cone see them.
+/// Palette for any colour vision, after Okabe and Ito (2008): any two colours are at least 17 CIELAB
+/// units apart, also for dichromats.
 pub const PALETTE: [Color; 7] = [
     [0, 96, 170],
     [200, 75, 0],
@@ -202,7 +202,7 @@ impl Series {
         PALETTE[self.color % PALETTE.len()]
     }
 
-    /// Labels are darker than dots: thin letters need more contrast.
+    /// Returns the style of labels. They are darker than dots: thin letters need more contrast.
     fn text_style(&self, anchor: &'static str) -> TextStyle {
         text_style(
             LABEL_PX,

@@ -1,26 +1,28 @@
-//! The first lines of a summary: what to use, how good it is, what it costs.
+//! First lines of a summary: recommendation, error and cost.
 
 use super::figures::short;
+use super::format::{bytes, list, ms, times};
 use super::row::{Report, Row, SceneFacts, chosen, smallest};
-use super::words::{bytes, list, ms, times};
 use std::fmt::Write;
 
-/// Header of the report, and five lines of results. Ranges are over the scenes.
+/// Formats the header of the report and five lines of results. Ranges are over the scenes.
 pub(super) fn brief(report: &Report) -> String {
-    let scenes: Vec<Scene> = report
+    let scenes: Vec<SceneRows> = report
         .scenes
         .iter()
-        .filter_map(|facts| Scene::of(report, facts))
+        .filter_map(|facts| SceneRows::new(report, facts))
         .collect();
-    let mut text = measured(report);
+    let mut text = conditions(report);
     if scenes.is_empty() {
         return text;
     }
-    let of = |pick: &dyn Fn(&Scene) -> f64| scenes.iter().map(pick).collect::<Vec<f64>>();
-    let flip = range(&of(&|s| s.best.flip), |v| format!("{v:.3}"));
-    let psnr = range(&of(&|s| s.best.psnr_db), |v| format!("{v:.1}"));
+    let values = |pick: &dyn Fn(&SceneRows) -> f64| scenes.iter().map(pick).collect::<Vec<f64>>();
+    let flip = range(&values(&|s| s.best.flip), |v| format!("{v:.3}"));
+    let psnr = range(&values(&|s| s.best.psnr_db), |v| format!("{v:.1}"));
     let own = own_errors(&scenes);
-    let worst = of(&|s| s.best.worst.flip).into_iter().fold(0.0, f64::max);
+    let worst = values(&|s| s.best.worst.flip)
+        .into_iter()
+        .fold(0.0, f64::max);
     let holes = scenes
         .iter()
         .filter_map(|s| s.best.hole_fraction)
@@ -28,8 +30,8 @@ pub(super) fn brief(report: &Report) -> String {
     let holes = holes.map_or(String::new(), |share| {
         format!("; at most {:.3} % of the pixels are holes", share * 100.0)
     });
-    let time = range(&of(&|s| s.best.ms_median), ms);
-    let size = range(&of(&|s| s.best.bytes as f64), |v| bytes(v as u64));
+    let time = range(&values(&|s| s.best.ms_median), ms);
+    let size = range(&values(&|s| s.best.bytes as f64), |v| bytes(v as u64));
     let captures: Vec<f64> = scenes.iter().filter_map(|s| s.best.capture_s).collect();
     let capture = if captures.is_empty() {
         String::new()
@@ -39,7 +41,11 @@ pub(super) fn brief(report: &Report) -> String {
             range(&captures, |s| format!("{s:.1} s"))
         )
     };
-    let _ = writeln!(text, "- **What should I use?** {}.", use_what(&scenes));
+    let _ = writeln!(
+        text,
+        "- **What should I use?** {}.",
+        recommendation(&scenes)
+    );
     let _ = writeln!(
         text,
         "- **How good is it?** FLIP {flip}, PSNR {psnr} dB{own}; the worst frame has FLIP {worst:.3}{holes}."
@@ -48,40 +54,37 @@ pub(super) fn brief(report: &Report) -> String {
         text,
         "- **What does it cost?** {time} a frame, {size} in memory.{capture}"
     );
-    let _ = writeln!(text, "- **And without it?** {}", without(&scenes));
-    let _ = writeln!(text, "- **If memory is short?** {}", small(&scenes));
+    let _ = writeln!(text, "- **And without it?** {}", fastest_traced(&scenes));
+    let _ = writeln!(text, "- **If memory is short?** {}", smaller_rows(&scenes));
     text
 }
 
-/// PSNR without the noise of truth, if that makes a difference.
-fn own_errors(scenes: &[Scene]) -> String {
-    /// dB.
+/// Formats the PSNR without the noise of truth, if it differs.
+fn own_errors(scenes: &[SceneRows]) -> String {
+    /// Smallest difference that is reported, dB.
     const DIFFERENCE: f64 = 0.5;
     let own: Option<Vec<f64>> = scenes.iter().map(|s| s.best.own_psnr_db).collect();
-    let matters = |own: &Vec<f64>| {
+    let differs = |own: &Vec<f64>| {
         scenes
             .iter()
             .zip(own)
             .any(|(s, own)| own - s.best.psnr_db > DIFFERENCE)
     };
-    let said = |own: Vec<f64>| {
-        format!(
-            " ({} without the noise of truth)",
-            range(&own, |v| format!("{v:.1}"))
-        )
-    };
-    own.filter(matters).map(said).unwrap_or_default()
+    own.filter(differs).map_or(String::new(), |own| {
+        let range = range(&own, |v| format!("{v:.1}"));
+        format!(" ({range} without the noise of truth)")
+    })
 }
 
-/// A scene's rows that count here.
-struct Scene<'a> {
+/// Representations of a scene and the recommended one.
+struct SceneRows<'a> {
     name: &'a str,
     rows: Vec<&'a Row>,
     best: &'a Row,
 }
 
-impl<'a> Scene<'a> {
-    fn of(report: &'a Report, facts: &'a SceneFacts) -> Option<Self> {
+impl<'a> SceneRows<'a> {
+    fn new(report: &'a Report, facts: &'a SceneFacts) -> Option<Self> {
         let rows: Vec<&Row> = report.group(&facts.scene, "representation").collect();
         let best = chosen(&rows)?;
         Some(Self {
@@ -92,26 +95,28 @@ impl<'a> Scene<'a> {
     }
 }
 
-fn measured(report: &Report) -> String {
+/// Formats the scenes, sizes, eyes and threads of the report.
+fn conditions(report: &Report) -> String {
     let machine = &report.machine;
-    let sizes = range_of_sizes(&report.scenes);
     let eyes: usize = report
         .scenes
         .iter()
-        .map(|facts| facts.judged_eyes().count())
+        .map(|facts| facts.error_eyes().count())
         .sum();
     let scenes = match report.scenes.as_slice() {
         [one] => format!("{} ({} triangles)", short(&one.scene), one.triangles),
         many => format!("{} scenes", many.len()),
     };
     format!(
-        "Measured: {scenes}, {sizes}, {eyes} eyes, {} threads of {}.\n\n",
-        machine.threads, machine.processor
+        "Measured: {scenes}, {}, {eyes} eyes, {} threads of {}.\n\n",
+        sizes(&report.scenes),
+        machine.threads,
+        machine.processor
     )
 }
 
-/// The sizes of frames and faces, each once.
-fn range_of_sizes(scenes: &[SceneFacts]) -> String {
+/// Lists the distinct sizes of frames and faces.
+fn sizes(scenes: &[SceneFacts]) -> String {
     let mut sizes: Vec<String> = Vec::new();
     for facts in scenes {
         let [width, height] = facts.frame_px;
@@ -126,8 +131,8 @@ fn range_of_sizes(scenes: &[SceneFacts]) -> String {
     list(sizes)
 }
 
-/// The choice, with the scenes it is for where they differ.
-fn use_what(scenes: &[Scene]) -> String {
+/// Formats the recommended variant, or each with its scenes if they differ.
+fn recommendation(scenes: &[SceneRows]) -> String {
     let mut choices: Vec<(&str, Vec<String>)> = Vec::new();
     for scene in scenes {
         match choices
@@ -149,8 +154,8 @@ fn use_what(scenes: &[Scene]) -> String {
     }
 }
 
-/// The fastest that traces, against the choice.
-fn without(scenes: &[Scene]) -> String {
+/// Compares the fastest variant that traces with the recommended one.
+fn fastest_traced(scenes: &[SceneRows]) -> String {
     let against = scenes.iter().filter_map(|scene| {
         let traced = scene.rows.iter().filter(|row| row.traces);
         let row = traced.min_by(|a, b| a.ms_median.total_cmp(&b.ms_median))?;
@@ -168,8 +173,8 @@ fn without(scenes: &[Scene]) -> String {
     }
 }
 
-/// The smallest that is as exact, where it is not the choice.
-fn small(scenes: &[Scene]) -> String {
+/// Lists the smallest of the exact variants where it is smaller than the recommended one.
+fn smaller_rows(scenes: &[SceneRows]) -> String {
     let small = scenes.iter().filter_map(|scene| {
         let row = smallest(&scene.rows).filter(|row| row.bytes < scene.best.bytes)?;
         Some(format!(
@@ -188,7 +193,7 @@ fn small(scenes: &[Scene]) -> String {
     }
 }
 
-/// `a`, or `a to b` where least and most read differently.
+/// Formats a range as `least to most`, or as one value if both have the same format.
 fn range(values: &[f64], write: impl Fn(f64) -> String) -> String {
     let least = write(values.iter().copied().fold(f64::INFINITY, f64::min));
     let most = write(values.iter().copied().fold(f64::NEG_INFINITY, f64::max));

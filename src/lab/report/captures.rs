@@ -1,5 +1,5 @@
-//! The captures of a scene that a report compares: the default, and others that differ from it in
-//! one thing.
+//! The captures of a scene that a report compares: the default, and variations of one parameter
+//! each.
 
 use super::contender::Role;
 use super::subject::{ReportError, Subject};
@@ -7,23 +7,20 @@ use crate::plan::Plan;
 use headbox_core::cube_face::Face;
 use headbox_core::progress::Progress;
 use headbox_cube::model::depth_bins::DepthBins;
-use headbox_cube::model::parameters::MergeRule;
-use headbox_cube::model::parameters::{CaptureParameters, Sampler};
+use headbox_cube::model::parameters::{CaptureParameters, MergeRule, Sampler};
 use headbox_cube::model::samples::{CubeSamples, DepthPixel, EncodedNormal, LayeredDepthImage};
 use headbox_cube::pack::{CubeLdi, SplatIndexLayout, Split};
-use headbox_cube::planes as primitives;
+use headbox_cube::planes;
 use headbox_ldi::capture::SceneCapture;
 use headbox_ldi::scene_source::SceneSource;
 use headbox_ldi::spec::{CaptureSpec, RunOptions};
 use std::sync::Arc;
 use std::time::Instant;
 
-/// The group of what flat parts become: pictures on planes within some bound, or nothing but
-/// samples.
+/// Group of the error bounds of plane textures.
 pub(super) const PRIMITIVES: &str = "primitives";
 
-/// The groups for which the default capture stands, its name in each, and whether it is the one
-/// that others are compared with.
+/// Roles of the default capture: group, variant, whether it is the baseline.
 pub(super) const DEFAULT: [(&str, &str, bool); 9] = [
     ("layers", "all", true),
     ("near/far split", "by each face's depths", true),
@@ -36,22 +33,23 @@ pub(super) const DEFAULT: [(&str, &str, bool); 9] = [
     ("light samples", "4 per depth pixel", true),
 ];
 
-/// Those of them whose other rows need no other capture.
+/// Roles of the default capture in groups that need no other capture.
 pub(super) const REPACKED: [(&str, &str, bool); 3] = [DEFAULT[1], DEFAULT[2], DEFAULT[3]];
 
-/// Captures that take less than this, seconds, are made [`SHORT_REPEATS`] times.
+/// Time below which a capture is repeated, seconds.
 const SHORT_S: f64 = 0.5;
+/// Number of repetitions of a short capture, of which the fastest counts.
 const SHORT_REPEATS: u32 = 3;
 
-/// A capture and what it took.
-pub struct Made {
+/// A capture with its time.
+pub struct TimedCapture {
     /// The capture.
     pub ldi: CubeSamples,
-    /// Tracing, lighting and merging, seconds; the least time if it was made more than once.
+    /// Time of tracing, lighting and merging, seconds; the least time of a repeated capture.
     pub seconds: f64,
 }
 
-/// Makes captures of one scene.
+/// Captures one scene with different parameters.
 pub struct Captures<'a> {
     /// The scene.
     pub subject: &'a Subject,
@@ -60,7 +58,7 @@ pub struct Captures<'a> {
 }
 
 impl Captures<'_> {
-    /// The default capture.
+    /// Returns the specification of the default capture.
     fn spec(&self) -> CaptureSpec {
         let quality = self.plan.quality;
         CaptureSpec {
@@ -85,15 +83,15 @@ impl Captures<'_> {
         }
     }
 
-    /// Makes the default capture with a change.
+    /// Captures with the default parameters, modified by `change`.
     ///
     /// # Errors
     /// [`ReportError::Capture`].
-    pub fn make(
+    pub fn capture(
         &self,
         change: impl FnOnce(&mut CaptureSpec),
         progress: &dyn Progress,
-    ) -> Result<Made, ReportError> {
+    ) -> Result<TimedCapture, ReportError> {
         let mut spec = self.spec();
         change(&mut spec);
         let options = RunOptions {
@@ -106,59 +104,34 @@ impl Captures<'_> {
                 tracer, lighting, ..
             } = self.subject;
             let (ldi, _) = SceneCapture::new(&spec, tracer, lighting, &options).run()?;
-            Ok::<_, ReportError>(Made {
+            Ok::<_, ReportError>(TimedCapture {
                 ldi,
                 seconds: start.elapsed().as_secs_f64(),
             })
         };
-        let mut made = run()?;
-        // The least of several says what a capture takes where one alone says what else the machine
-        // did.
-        for _ in 1..if made.seconds < SHORT_S {
-            SHORT_REPEATS
-        } else {
-            1
-        } {
-            made.seconds = made.seconds.min(run()?.seconds);
+        let mut capture = run()?;
+        // Other load on the machine distorts a short time.
+        if capture.seconds < SHORT_S {
+            for _ in 1..SHORT_REPEATS {
+                capture.seconds = capture.seconds.min(run()?.seconds);
+            }
         }
-        Ok(made)
+        Ok(capture)
     }
 
-    /// Packs a capture in the default layout.
-    ///
-    /// # Errors
-    /// [`ReportError::Pack`].
-    pub fn pack(&self, made: &Made, split: Split) -> Result<CubeLdi, ReportError> {
-        Ok(CubeLdi::pack(&made.ldi, SplatIndexLayout::Normal, split)?)
-    }
-
-    /// Packs a capture in the default layout, what is flat as pictures on planes.
-    ///
-    /// # Errors
-    /// [`ReportError::Pack`].
-    pub fn pack_planes(&self, made: &Made, error_px: f64) -> Result<Arc<CubeLdi>, ReportError> {
-        let (layout, split) = (SplatIndexLayout::Normal, Split::Auto);
-        Ok(Arc::new(primitives::pack(
-            made.ldi.clone(),
-            layout,
-            split,
-            error_px,
-        )?))
-    }
-
-    /// Captures that differ from the default, `made`, in one thing each.
+    /// Makes captures that differ from the default one in one parameter each.
     ///
     /// # Errors
     /// [`ReportError::Capture`].
     pub fn variations(
         &self,
-        default: &Made,
+        default: &TimedCapture,
         progress: &dyn Progress,
-    ) -> Result<Vec<(Vec<Role>, Made)>, ReportError> {
+    ) -> Result<Vec<(Vec<Role>, TimedCapture)>, ReportError> {
         let (strata, rays) = (self.plan.quality.strata, self.plan.quality.rays);
-        let mut made = Vec::new();
+        let mut captures = Vec::new();
         let mut add = |roles, change: &dyn Fn(&mut CaptureSpec)| -> Result<(), ReportError> {
-            made.push((roles, self.make(change, progress)?));
+            captures.push((roles, self.capture(change, progress)?));
             Ok(())
         };
         add(vec![Role::other("aimed rays", "none")], &|spec| {
@@ -167,7 +140,7 @@ impl Captures<'_> {
         add(vec![Role::other("novelty stopping", "off")], &|spec| {
             spec.parameters.novelty = 0.0;
         })?;
-        // What random rays find is compared alone.
+        // Random rays only, without novelty stopping and aimed rays.
         let all_rays =
             |spec: &mut CaptureSpec| (spec.parameters.novelty, spec.parameters.holes) = (0.0, 1.0);
         add(
@@ -217,13 +190,8 @@ impl Captures<'_> {
         let mut edit = |role, change: &dyn Fn(&mut CubeSamples)| {
             let mut ldi = default.ldi.clone();
             change(&mut ldi);
-            made.push((
-                vec![role],
-                Made {
-                    ldi,
-                    seconds: default.seconds,
-                },
-            ));
+            let seconds = default.seconds;
+            captures.push((vec![role], TimedCapture { ldi, seconds }));
         };
         for parallax in [2.0, 4.0, 8.0] {
             let role = Role::other("depth bins", format!("{parallax} px of parallax"));
@@ -233,11 +201,30 @@ impl Captures<'_> {
             Role::other("layers", "the nearest of each pixel (a depth image a face)"),
             &keep_nearest,
         );
-        Ok(made)
+        Ok(captures)
     }
 }
 
-/// Leaves of each pixel the sample that is nearest to the centre: six depth images.
+/// Packs a capture in the default layout.
+///
+/// # Errors
+/// [`ReportError::Pack`].
+pub fn pack(ldi: &CubeSamples, split: Split) -> Result<Arc<CubeLdi>, ReportError> {
+    let cube = CubeLdi::pack(ldi, SplatIndexLayout::Normal, split)?;
+    Ok(Arc::new(cube))
+}
+
+/// Packs a capture in the default layout with plane textures.
+///
+/// # Errors
+/// [`ReportError::Pack`].
+pub fn pack_planes(ldi: &CubeSamples, error_px: f64) -> Result<Arc<CubeLdi>, ReportError> {
+    let layout = SplatIndexLayout::Normal;
+    let cube = planes::pack(ldi.clone(), layout, Split::Auto, error_px)?;
+    Ok(Arc::new(cube))
+}
+
+/// Keeps the nearest sample of each pixel: six depth images.
 fn keep_nearest(ldi: &mut CubeSamples) {
     for face in &mut ldi.faces {
         let mut nearest = LayeredDepthImage::empty(face.face, face.size_px);
@@ -251,34 +238,31 @@ fn keep_nearest(ldi: &mut CubeSamples) {
     }
 }
 
-/// Joins samples of one pixel that lie within `parallax_px` of the headbox's largest parallax of
-/// each other, as wider bins would have: the mean of depth, colour and alpha, the normal of the
-/// nearest.
+/// Merges samples of one pixel with a relative parallax of at most `parallax_px` within the headbox,
+/// as wider depth bins would: the mean of inverse depth, colour and alpha, the normal of the nearest.
 fn coarsen(ldi: &mut CubeSamples, parallax_px: f64) {
     let half_size_m = ldi.info.half_size_m;
     for face in &mut ldi.faces {
         let bins = DepthBins::new(half_size_m, face.size_px);
         let width = (bins.inverse_depth(1.0) * parallax_px / DepthBins::PARALLAX_PX) as f32;
-        let mut joined = LayeredDepthImage::empty(face.face, face.size_px);
-        for pixel in 0..face.offsets.len() - 1 {
-            let samples =
-                &face.samples[face.offsets[pixel] as usize..face.offsets[pixel + 1] as usize];
-            // Farthest first: a cluster begins with its farthest and reaches as far as it may.
-            let mut rest = samples;
+        let mut merged = LayeredDepthImage::empty(face.face, face.size_px);
+        for (pixel, ends) in face.offsets.windows(2).enumerate() {
+            // Farthest first: a cluster starts at its farthest sample.
+            let mut rest = &face.samples[ends[0] as usize..ends[1] as usize];
             while let Some(first) = rest.first() {
                 let end = rest
                     .partition_point(|s| s.inverse_depth < first.inverse_depth + width)
                     .max(1);
-                joined.samples.push(mean_of(&rest[..end]));
+                merged.samples.push(merge(&rest[..end]));
                 rest = &rest[end..];
             }
-            joined.offsets[pixel + 1] = joined.samples.len() as u32;
+            merged.offsets[pixel + 1] = merged.samples.len() as u32;
         }
-        *face = joined;
+        *face = merged;
     }
 }
 
-fn mean_of(cluster: &[DepthPixel]) -> DepthPixel {
+fn merge(cluster: &[DepthPixel]) -> DepthPixel {
     let count = cluster.len() as f32;
     let mean = |value: &dyn Fn(&DepthPixel) -> f32| cluster.iter().map(value).sum::<f32>() / count;
     let nearest = cluster[cluster.len() - 1];
@@ -290,8 +274,8 @@ fn mean_of(cluster: &[DepthPixel]) -> DepthPixel {
     }
 }
 
-/// A capture with nothing, depth, normals, or both as the packed layout quantises them: name,
-/// whether it is the one to compare with, capture.
+/// Returns copies of a capture with one quantity quantised as in a packed layout: name, whether it
+/// is the baseline (nothing quantised), capture.
 pub(super) fn quantised(
     ldi: &CubeSamples,
     cube: &CubeLdi,
@@ -310,27 +294,22 @@ pub(super) fn quantised(
     };
     let edited = |edit: &dyn Fn(Face, &mut DepthPixel)| {
         let mut copy = ldi.clone();
-        for face in &mut copy.faces {
-            let which = face.face;
-            face.samples
-                .iter_mut()
-                .for_each(|sample| edit(which, sample));
+        for LayeredDepthImage { face, samples, .. } in &mut copy.faces {
+            samples.iter_mut().for_each(|sample| edit(*face, sample));
         }
         copy
     };
     let with_depth = |bits: u32| {
         edited(&|face, sample| {
-            // The segment of the face that holds the sample gives the range.
+            // The range is that of the segment that contains the sample.
             let q = f64::from(sample.inverse_depth);
-            let holds = |s: &&headbox_cube::pack::PackedSegment| {
+            let segment = cube.segments.iter().find(|s| {
                 s.face == face
                     && (s.inverse_depth_min..=s.inverse_depth_max).contains(&sample.inverse_depth)
-            };
-            if let Some(segment) = cube.segments.iter().find(holds) {
-                let (least, most) = (
-                    f64::from(segment.inverse_depth_min),
-                    f64::from(segment.inverse_depth_max),
-                );
+            });
+            if let Some(segment) = segment {
+                let least = f64::from(segment.inverse_depth_min);
+                let most = f64::from(segment.inverse_depth_max);
                 let steps = f64::from((1u32 << bits) - 1);
                 let step = (most - least) / steps;
                 let code = if step > 0.0 {

@@ -7,13 +7,13 @@ use crate::stats::pareto_front;
 
 /// A chart and the name of its file, without extension.
 pub struct Figure {
-    /// Like `tree-time`.
+    /// Name of the file, such as `tree-time`.
     pub name: String,
     /// The chart.
     pub chart: Chart,
 }
 
-/// All charts of a report, scene after scene.
+/// Draws all charts of a report, scene after scene.
 pub fn figures(report: &Report) -> Vec<Figure> {
     let mut figures = Vec::new();
     for (scene, slug) in report.scenes.iter().zip(slugs(report)) {
@@ -33,13 +33,12 @@ pub fn figures(report: &Report) -> Vec<Figure> {
     figures
 }
 
-/// A name for files of each scene: its last part, letters and digits only, with a number if it is
-/// not the first of its name.
+/// Returns a file name for each scene: its short name with letters, digits and hyphens only, and a
+/// number to distinguish equal names.
 pub fn slugs(report: &Report) -> Vec<String> {
     let mut slugs: Vec<String> = Vec::new();
     for facts in &report.scenes {
-        let name = short(&facts.scene);
-        let clean: String = name
+        let clean: String = short(&facts.scene)
             .chars()
             .map(|c| if c.is_ascii_alphanumeric() { c } else { '-' })
             .collect();
@@ -56,20 +55,21 @@ pub fn slugs(report: &Report) -> Vec<String> {
     slugs
 }
 
-/// A scene's name without folder and `builtin:`.
+/// Returns a scene's name without folder, extension and `builtin:`.
 pub fn short(scene: &str) -> &str {
     let name = scene.strip_prefix("builtin:").unwrap_or(scene);
     let name = name.rsplit(['/', '\\']).next().unwrap_or(name);
     name.rsplit_once('.').map_or(name, |(stem, _)| stem)
 }
 
+/// Horizontal axis of a chart of cost against error.
 #[derive(Clone, Copy, PartialEq)]
 enum Cost {
     Time,
     Bytes,
 }
 
-/// Colour family of a row: LDIs, points, ray tracing, the rest.
+/// Returns the colour of a row by its family: LDI, points, cube map, traced, other.
 fn family(row: &Row) -> usize {
     match row.variant.as_str() {
         name if name.starts_with("LDI") => 0,
@@ -143,7 +143,7 @@ fn flip_axis() -> Axis {
     }
 }
 
-/// The lines of a displacement chart: group, variant, name.
+/// Lines of a displacement chart: group, variant, label.
 const LINES: [(&str, &str, &str); 6] = [
     ("representation", "LDI", "LDI"),
     ("representation", "points, 3x3 px", "points, 3x3 px"),
@@ -160,18 +160,18 @@ const LINES: [(&str, &str, &str); 6] = [
 fn displacement_chart(report: &Report, scene: &str) -> Option<Chart> {
     let lines = LINES.iter().filter_map(|(group, variant, name)| {
         let row = report.find(scene, group, variant)?;
-        let point = |d: &super::row::DisplacementError| ChartPoint {
+        let points = row.displacement.iter().map(|d| ChartPoint {
             at: [d.share, d.flip],
             name: String::new(),
             spread: None,
-        };
+        });
         let color = match *group {
             "sprites" => 3 + usize::from(*variant == "homography"),
             _ => family(row),
         };
         Some(Series {
             name: (*name).into(),
-            points: row.displacement.iter().map(point).collect(),
+            points: points.collect(),
             joined: true,
             hollow: false,
             color,
@@ -202,11 +202,10 @@ fn rays_chart(report: &Report, scene: &str) -> Option<Chart> {
         name,
         spread: None,
     };
-    let millions = |row: &Row| format!("{} ({} rays)", row.variant, count(row.rays.unwrap_or(0)));
-    let more = rows.iter().map(|row| point(row, millions(row))).collect();
+    let label = |row: &Row| format!("{} ({} rays)", row.variant, count(row.rays.unwrap_or(0)));
     let mut series = vec![Series {
         name: String::new(),
-        points: more,
+        points: rows.iter().map(|row| point(row, label(row))).collect(),
         joined: true,
         hollow: false,
         color: 0,
@@ -248,7 +247,7 @@ fn rays_chart(report: &Report, scene: &str) -> Option<Chart> {
     })
 }
 
-/// A number of rays.
+/// Formats a number of rays in thousands or millions.
 fn count(rays: u64) -> String {
     if rays < 1_000_000 {
         format!("{} k", rays / 1000)

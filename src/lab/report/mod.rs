@@ -1,26 +1,29 @@
-//! Speed against error of everything that can show a scene.
+//! Reports of speed against error of all representations of a scene.
 //!
-//! A report is a plan ([`plan`]: sizes, seeded eyes), contenders ([`contender`]: anything that
-//! draws), their measurement in turns and against truth that is good enough ([`judge`],
-//! [`growth`]), and rows ([`row`]); Embree's rays beside frames ([`rival`]). All that people read,
-//! the charts ([`figures`]), the sentences ([`summary`]) and the page beside the papers' numbers
-//! ([`results`]), is made from the rows alone.
+//! A report has a plan ([`plan`]: sizes, seeded eyes) and contenders ([`contender`]: anything that
+//! draws). They are timed in turns and compared with sufficiently exact truth ([`measurement`],
+//! [`truth_samples`]), which gives rows ([`row`]); Embree's primary rays are timed for comparison
+//! ([`rival`]). The charts ([`figures`]), the sentences ([`summary`]) and the page with the papers'
+//! numbers ([`results`]) are generated from the rows alone.
 //!
 //! [`plan`]: crate::plan
 
-mod brief;
-pub mod captures;
-pub mod contender;
-mod field;
-pub mod figures;
-pub mod growth;
-pub mod judge;
-pub mod promises;
-pub mod results;
-pub mod rival;
-pub mod row;
 pub mod scene;
 pub mod subject;
-pub mod summary;
+
+pub mod captures;
+pub mod contender;
+mod contender_list;
 mod wall;
-mod words;
+
+pub mod measurement;
+pub mod rival;
+pub mod row;
+pub mod truth_samples;
+
+mod brief;
+pub mod figures;
+mod format;
+pub mod promises;
+pub mod results;
+pub mod summary;

@@ -1,35 +1,35 @@
-//! Promises of the README, tested against the rows of a report.
+//! Claims of the README, tested against the rows of a report.
 
 use super::figures::short;
 use super::row::{Report, Row, SceneFacts};
 use crate::table::{Table, figure};
 
-/// A sentence's part and the figure that it stands or falls with.
+/// A claim of the README and the measured value that it depends on.
 pub struct Promise {
     /// Words of the README.
     pub says: &'static str,
-    /// Quantity measured in each scene.
-    pub what: &'static str,
-    /// The figure; `None` where a scene cannot tell.
-    pub of: fn(&Report, &SceneFacts) -> Option<f64>,
-    /// Condition of the promise.
-    pub keeps: PromiseCondition,
-    /// True for a time: it is shown, and decides nothing.
+    /// Description of the value.
+    pub quantity: &'static str,
+    /// Reads the value of a scene; `None` if the scene has none.
+    pub value: fn(&Report, &SceneFacts) -> Option<f64>,
+    /// Condition on the values of all scenes.
+    pub condition: PromiseCondition,
+    /// True for a time, which is shown but not tested.
     pub is_time: bool,
 }
 
-/// When figures keep a promise.
+/// Condition on the values of all scenes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum PromiseCondition {
-    /// Each scene's lies between these.
+    /// Each value is between these bounds, inclusive.
     Within([f64; 2]),
-    /// The largest of all scenes is at most so many times the least.
+    /// The largest value is at most this multiple of the least.
     Alike(f64),
 }
 
 impl PromiseCondition {
-    /// Returns true if the figures of all scenes keep the promise; false if there are none.
-    pub fn hold(self, figures: &[f64]) -> bool {
+    /// Returns true if `figures`, one value per scene, satisfy the condition; false without values.
+    pub fn holds(self, figures: &[f64]) -> bool {
         match self {
             Self::Within([least, most]) => {
                 !figures.is_empty() && figures.iter().all(|v| (least..=most).contains(v))
@@ -42,7 +42,7 @@ impl PromiseCondition {
         }
     }
 
-    fn words(self) -> String {
+    fn describe(self) -> String {
         match self {
             Self::Within([least, most]) if least == f64::NEG_INFINITY => format!("at most {most}"),
             Self::Within([least, most]) if most == f64::INFINITY => format!("at least {least}"),
@@ -56,79 +56,79 @@ fn ldi<'a>(report: &'a Report, facts: &SceneFacts) -> Option<&'a Row> {
     report.find(&facts.scene, "representation", "LDI")
 }
 
-/// All that the README promises and a report can measure.
+/// Claims of the README that a report can test.
 pub const PROMISES: [Promise; 6] = [
     Promise {
         says: "without holes",
-        what: "share of the LDI's pixels that are holes, %",
-        of: |report, facts| Some(ldi(report, facts)?.hole_fraction? * 100.0),
-        keeps: PromiseCondition::Within([f64::NEG_INFINITY, 0.1]),
+        quantity: "share of the LDI's pixels that are holes, %",
+        value: |report, facts| Some(ldi(report, facts)?.hole_fraction? * 100.0),
+        condition: PromiseCondition::Within([f64::NEG_INFINITY, 0.1]),
         is_time: false,
     },
     Promise {
         says: "with parallax",
-        what: "FLIP in a corner of the headbox, the LDI's over a cube map's",
-        of: |report, facts| {
+        quantity: "FLIP in a corner of the headbox, the LDI's over a cube map's",
+        value: |report, facts| {
             let corner = |row: &Row| Some(row.displacement.last()?.flip);
             Some(
                 corner(ldi(report, facts)?)?
                     / corner(report.find(&facts.scene, "representation", "cube map")?)?,
             )
         },
-        keeps: PromiseCondition::Within([0.0, 1.0]),
+        condition: PromiseCondition::Within([0.0, 1.0]),
         is_time: false,
     },
     Promise {
         says: "a frame rate that depends neither on the number of triangles",
-        what: "nanoseconds of a frame for each depth pixel in view, one thread",
-        of: |report, facts| {
+        quantity: "nanoseconds of a frame for each depth pixel in view, one thread",
+        value: |report, facts| {
             let row = report.find(&facts.scene, "threads", "1 thread")?;
             Some(row.ms_median * 1e6 / row.depth_pixels_in)
         },
-        keeps: PromiseCondition::Alike(4.0),
+        condition: PromiseCondition::Alike(4.0),
         is_time: true,
     },
     Promise {
         says: "nor on the lighting",
-        what: "time of a frame whose depth pixels were lit with four times the samples, over the default's",
-        of: |report, facts| {
+        quantity: "time of a frame whose depth pixels were lit with four times the samples, over the default's",
+        value: |report, facts| {
             Some(
                 report
                     .find(&facts.scene, "light samples", "16 per depth pixel")?
                     .time_ratio,
             )
         },
-        keeps: PromiseCondition::Within([0.9, 1.1]),
+        condition: PromiseCondition::Within([0.9, 1.1]),
         is_time: true,
     },
     Promise {
         says: "traced until its own error lies 10 dB below what is measured",
-        what: "by how much it does, dB",
-        of: |_, facts| Some(facts.margin_db),
-        keeps: PromiseCondition::Within([10.0, f64::INFINITY]),
+        quantity: "by how much it does, dB",
+        value: |_, facts| Some(facts.margin_db),
+        condition: PromiseCondition::Within([10.0, f64::INFINITY]),
         is_time: false,
     },
     Promise {
         says: "a built-in scene of half a million triangles",
-        what: "triangles of builtin:tree",
-        of: |_, facts| (facts.scene == "builtin:tree").then_some(facts.triangles as f64),
-        keeps: PromiseCondition::Within([5e5, f64::INFINITY]),
+        quantity: "triangles of builtin:tree",
+        value: |_, facts| (facts.scene == "builtin:tree").then_some(facts.triangles as f64),
+        condition: PromiseCondition::Within([5e5, f64::INFINITY]),
         is_time: false,
     },
 ];
 
 impl Promise {
-    /// The figures of the scenes that have one.
+    /// Returns the values of the scenes that have one.
     pub fn figures(&self, report: &Report) -> Vec<f64> {
         report
             .scenes
             .iter()
-            .filter_map(|facts| (self.of)(report, facts))
+            .filter_map(|facts| (self.value)(report, facts))
             .collect()
     }
 }
 
-/// A table of all promises that a report can tell of.
+/// Formats a table of all claims with their values.
 pub fn table(report: &Report) -> Table {
     let names = report.scenes.iter().map(|facts| short(&facts.scene));
     let mut table = Table::new(
@@ -141,32 +141,31 @@ pub fn table(report: &Report) -> Table {
         let figures = report
             .scenes
             .iter()
-            .map(|facts| (promise.of)(report, facts).map_or("-".into(), figure));
+            .map(|facts| (promise.value)(report, facts).map_or("-".into(), figure));
         let kept = match promise.figures(report).as_slice() {
             [] => "not measured",
-            found if promise.keeps.hold(found) => "kept",
+            found if promise.condition.holds(found) => "kept",
             _ => "**not kept**",
         };
-        let ends = [format!("*{}*", promise.says), promise.what.into()];
+        let ends = [format!("*{}*", promise.says), promise.quantity.into()];
         table.row(
             ends.into_iter()
                 .chain(figures)
-                .chain([promise.keeps.words(), kept.into()]),
+                .chain([promise.condition.describe(), kept.into()]),
         );
     }
     table
 }
 
-/// Names the broken promises of the README; those of time are left to the reader, since a busy
-/// machine breaks them.
+/// Returns the README's words of false claims, apart from times, which a busy machine distorts.
 pub fn broken(report: &Report) -> Vec<&'static str> {
-    let told = |promise: &&Promise| !promise.figures(report).is_empty();
-    let broken = |promise: &&Promise| !promise.keeps.hold(&promise.figures(report));
+    let is_broken = |promise: &&Promise| {
+        let figures = promise.figures(report);
+        !promise.is_time && !figures.is_empty() && !promise.condition.holds(&figures)
+    };
     PROMISES
         .iter()
-        .filter(|promise| !promise.is_time)
-        .filter(told)
-        .filter(broken)
+        .filter(is_broken)
         .map(|promise| promise.says)
         .collect()
 }
@@ -178,15 +177,15 @@ mod tests {
     #[test]
     fn promises_can_be_broken() {
         let at_most = PromiseCondition::Within([f64::NEG_INFINITY, 0.1]);
-        assert!(at_most.hold(&[0.0, 0.1]) && !at_most.hold(&[0.0, 0.11]) && !at_most.hold(&[]));
-        assert!(!at_most.hold(&[f64::NAN]));
+        assert!(at_most.holds(&[0.0, 0.1]) && !at_most.holds(&[0.0, 0.11]) && !at_most.holds(&[]));
+        assert!(!at_most.holds(&[f64::NAN]));
         assert!(
-            PromiseCondition::Alike(3.0).hold(&[1.0, 2.9])
-                && !PromiseCondition::Alike(3.0).hold(&[1.0, 3.1, 2.0])
+            PromiseCondition::Alike(3.0).holds(&[1.0, 2.9])
+                && !PromiseCondition::Alike(3.0).holds(&[1.0, 3.1, 2.0])
         );
         assert!(
-            !PromiseCondition::Alike(3.0).hold(&[])
-                && !PromiseCondition::Alike(3.0).hold(&[f64::NAN])
+            !PromiseCondition::Alike(3.0).holds(&[])
+                && !PromiseCondition::Alike(3.0).holds(&[f64::NAN])
         );
     }
 }

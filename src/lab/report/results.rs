@@ -1,88 +1,85 @@
 //! `docs/results.md`: the short page of a report. Each scene has a chart, a table and three
 //! sentences; the papers' numbers follow. All other rows are in the report's JSON and CSV files.
 
-use super::field::CLIPPING;
+use super::contender_list::{CLIPPING, OPAQUE_PACKING};
 use super::figures::{short, slugs};
+use super::format::{bytes, ms, times};
 use super::promises;
 use super::row::{Report, Row, SceneFacts, chosen, smallest};
-use super::words::{bytes, ms, times};
 use crate::stats::pareto_front;
 use crate::table::{Table, figure};
 use crate::walk::WalkReport;
 use std::fmt::Write;
 
-/// A number in a paper that a report has a counterpart for.
-struct Claim {
-    /// Its number in our list of the papers' numbers.
+/// A number of a paper that a report reproduces.
+struct PaperNumber {
+    /// Identifier in our list of the papers' numbers.
     id: &'static str,
-    /// Quantity.
+    /// Description of the quantity.
     what: &'static str,
-    /// The paper's figure.
+    /// Value of the paper.
     theirs: f64,
-    /// Ours.
+    /// Reads our value from a report.
     ours: fn(&Report, &SceneFacts) -> Option<f64>,
 }
 
+/// Returns the ratio of the times of two variants of a group.
 fn ratio(report: &Report, facts: &SceneFacts, group: &str, over: &str, under: &str) -> Option<f64> {
-    let of = |variant: &str| Some(report.find(&facts.scene, group, variant)?.time_ratio);
-    Some(of(over)? / of(under)?)
+    let time = |variant: &str| Some(report.find(&facts.scene, group, variant)?.time_ratio);
+    Some(time(over)? / time(under)?)
 }
 
-/// S: Shade et al. 1998; P: Popescu et al. 1998; R: Rafferty et al. 1998.
-const CLAIMS: [Claim; 19] = [
-    Claim {
+/// Numbers of the papers. S: Shade et al. 1998; P: Popescu et al. 1998; R: Rafferty et al. 1998.
+const PAPER_NUMBERS: [PaperNumber; 19] = [
+    PaperNumber {
         id: "S-N10",
         what: "depth pixels over occupied pixels (S: barnyard)",
         theirs: 1.24,
         ours: |_, facts| Some(facts.depth_complexity()),
     },
-    Claim {
+    PaperNumber {
         id: "P-N1",
         what: "the same (P: one-storey house)",
         theirs: 1.26,
         ours: |_, f| Some(f.depth_complexity()),
     },
-    Claim {
+    PaperNumber {
         id: "R-N2",
         what: "the same (R: 13 images)",
         theirs: 1.39,
         ours: |_, f| Some(f.depth_complexity()),
     },
-    Claim {
+    PaperNumber {
         id: "P-N1",
         what: "share of samples in layer 1 (P)",
         theirs: 0.791,
-        ours: |_, facts| {
-            Some(facts.layers[0] as f64 / facts.layers.iter().sum::<u64>().max(1) as f64)
-        },
+        ours: |_, facts| Some(facts.layer_share(0)),
     },
-    Claim {
+    PaperNumber {
         id: "R-N2",
         what: "share of samples in layers 4 and beyond (R)",
         theirs: 0.027,
-        ours: |_, facts| {
-            Some(facts.layers[3] as f64 / facts.layers.iter().sum::<u64>().max(1) as f64)
-        },
+        ours: |_, facts| Some(facts.layer_share(3)),
     },
-    Claim {
+    PaperNumber {
         id: "S-N5",
         what: "share of depth pixels in near segments (S: tree)",
         theirs: 0.064,
         ours: |_, f| Some(f.near_share),
     },
-    Claim {
+    PaperNumber {
         id: "S-N4",
         what: "rays for each depth pixel kept (S: tree; ours with novelty stopping)",
         theirs: 15.0,
         ours: |_, facts| Some(facts.rays_per_depth_pixel),
     },
-    Claim {
+    PaperNumber {
         id: "S-N6",
         what: "time without clipping over time with it (S: 2 to 4)",
         theirs: 3.0,
         ours: |report, facts| ratio(report, facts, CLIPPING, "off", "on"),
     },
-    Claim {
+    PaperNumber {
         id: "R-N6",
         what: "share of depth pixels that clipping leaves (R, P: one half)",
         theirs: 0.5,
@@ -91,21 +88,17 @@ const CLAIMS: [Claim; 19] = [
             Some(row.depth_pixels_in / row.depth_pixels.max(1) as f64)
         },
     },
-    Claim {
+    PaperNumber {
         id: "P-N7",
         what: "efficiency of parallel warping (P: 3.45 times faster on 4 processors)",
         theirs: 0.86,
         ours: |report, facts| {
-            let one = report
-                .group(&facts.scene, "threads")
-                .find(|row| row.baseline)?;
-            let all = report
-                .group(&facts.scene, "threads")
-                .find(|row| !row.baseline)?;
+            let one = report.first(&facts.scene, "threads", true)?;
+            let all = report.first(&facts.scene, "threads", false)?;
             Some(one.time_ratio / all.time_ratio / all.threads as f64)
         },
     },
-    Claim {
+    PaperNumber {
         id: "P-N4",
         what: "bytes for each depth pixel, tables included (P: 13 to 14)",
         theirs: 13.5,
@@ -114,19 +107,19 @@ const CLAIMS: [Claim; 19] = [
             Some(row.bytes as f64 / row.depth_pixels.max(1) as f64)
         },
     },
-    Claim {
+    PaperNumber {
         id: "S-N1",
         what: "sprites: two-pass over no parallax, time (S: 30 Hz to 16 Hz)",
         theirs: 1.88,
         ours: |report, facts| ratio(report, facts, "sprites", "two-pass", "homography"),
     },
-    Claim {
+    PaperNumber {
         id: "S-N1",
         what: "sprites: crude one-pass over no parallax, time (S: 30 Hz to 21 Hz)",
         theirs: 1.43,
         ours: |report, facts| ratio(report, facts, "sprites", "one-pass", "homography"),
     },
-    Claim {
+    PaperNumber {
         id: "S-N2",
         what: "sprites, nearest sampling: two-pass over no parallax, time (S: 47 Hz to 20 Hz)",
         theirs: 2.35,
@@ -140,7 +133,7 @@ const CLAIMS: [Claim; 19] = [
             )
         },
     },
-    Claim {
+    PaperNumber {
         id: "S-N2",
         what: "sprites, nearest sampling: crude one-pass over no parallax, time (S: 47 Hz to 24 Hz)",
         theirs: 1.96,
@@ -154,46 +147,40 @@ const CLAIMS: [Claim; 19] = [
             )
         },
     },
-    Claim {
+    PaperNumber {
         id: "S-N2",
         what: "sprites, two-pass: bilinear over nearest sampling, time",
         theirs: 1.25,
         ours: |report, facts| ratio(report, facts, "sprite sampling", "bilinear", "nearest"),
     },
-    Claim {
+    PaperNumber {
         id: "P-N8",
         what: "all layers over one depth image, time (P, serial)",
         theirs: 1.8,
         ours: |report, facts| {
-            let one = report
-                .group(&facts.scene, "layers")
-                .find(|row| !row.baseline)?;
+            let one = report.first(&facts.scene, "layers", false)?;
             Some(1.0 / one.time_ratio)
         },
     },
-    Claim {
+    PaperNumber {
         id: "P-N8",
         what: "all layers over one depth image, samples (P: 189,688 to 256x256)",
         theirs: 2.89,
         ours: |report, facts| {
-            let one = report
-                .group(&facts.scene, "layers")
-                .find(|row| !row.baseline)?;
-            let all = report
-                .group(&facts.scene, "layers")
-                .find(|row| row.baseline)?;
+            let one = report.first(&facts.scene, "layers", false)?;
+            let all = report.first(&facts.scene, "layers", true)?;
             Some(all.depth_pixels as f64 / one.depth_pixels.max(1) as f64)
         },
     },
-    Claim {
+    PaperNumber {
         id: "S-N7",
         what: "time with depth pixels of 24 bytes over that with packed ones (S: 20 bytes to 8), opaque rectangles",
         theirs: 1.25,
         ours: |report, facts| {
-            let group = "depth pixel, opaque rectangles";
+            let variant = "24 bytes, nothing quantised";
             Some(
                 report
-                    .find(&facts.scene, group, "24 bytes, nothing quantised")?
+                    .find(&facts.scene, OPAQUE_PACKING, variant)?
                     .time_ratio,
             )
         },
@@ -205,8 +192,8 @@ const COLUMNS: &str = "FLIP, PSNR and SSIM are against ray-traced truth, over al
 frame by frame in turns. *own dB* is PSNR without the noise of truth. *flicker* is the change of the error from frame to frame \
 along a path, in levels of 255. No row is both faster and more exact than one with *.";
 
-/// Returns the page. Links to charts and files go to the folder `results` beside it;
-/// [`super::figures`] and [`WalkReport::chart`] make the charts.
+/// Formats the page. Links to charts and files refer to the adjacent folder `results`;
+/// [`super::figures`] and [`WalkReport::chart`] draw the charts.
 pub fn page(report: &Report, walk: Option<&WalkReport>) -> String {
     let mut text = String::from(
         "# Results\n\nGenerated by `headbox report --results docs/results/report.json --walk docs/results/walk.json -o \
@@ -234,23 +221,19 @@ pub fn page(report: &Report, walk: Option<&WalkReport>) -> String {
         promises::table(report)
     );
     text += "\n## Numbers of the papers\n\nRatios only: the papers' times are those of machines of 1998.\n\n";
-    let _ = write!(text, "{}", claims(report));
+    let _ = write!(text, "{}", paper_numbers(report));
     text
 }
 
-/// Returns one line about the run: commit, seed, machine.
+/// Formats one line about the run: commit, seed, machine.
 fn machine(report: &Report) -> String {
     let machine = &report.machine;
     let load = machine
         .load_hundredths
         .map(|load| format!(", load {:.2} at the start", f64::from(load) / 100.0));
-    let sizes = match (report.quick, report.real) {
-        (true, _) => " --quick",
-        (_, true) => " --real",
-        _ => "",
-    };
     format!(
-        "`headbox report{sizes}`, commit {}, seed {}, {} threads of {} ({}, {}){}.\n",
+        "`headbox report{}`, commit {}, seed {}, {} threads of {} ({}, {}){}.\n",
+        report.size_flag(),
         report.commit,
         report.seed,
         machine.threads,
@@ -261,26 +244,17 @@ fn machine(report: &Report) -> String {
     )
 }
 
-/// Returns three sentences: what was measured, what to use, and how errors and times compare with a
-/// cube map and with rays.
+/// Formats three sentences: the conditions, the recommendation, and the comparison with a cube map
+/// and with rays.
 fn sentences(report: &Report, facts: &SceneFacts, rows: &[&Row]) -> String {
-    let samples = facts.judged_eyes().map(|eye| eye.truth_samples);
-    let (least, most) = (
-        samples.clone().min().unwrap_or(0),
-        samples.max().unwrap_or(0),
-    );
-    let samples = if least == most {
-        most.to_string()
-    } else {
-        format!("{least} to {most}")
-    };
     let [width, height] = facts.frame_px;
     let mut text = format!(
-        "{} triangles, faces of {} px, {} eyes, frames of {width}x{height} px; the standard error of truth ({samples} rays a \
+        "{} triangles, faces of {} px, {} eyes, frames of {width}x{height} px; the standard error of truth ({} rays a \
          pixel) lies at least {:.1} dB below every error.\n",
         facts.triangles,
         facts.face_size_px,
-        facts.judged_eyes().count(),
+        facts.error_eyes().count(),
+        facts.truth_samples_range(),
         facts.margin_db,
     );
     if let (Some(fast), Some(small)) = (chosen(rows), smallest(rows)) {
@@ -308,18 +282,13 @@ fn sentences(report: &Report, facts: &SceneFacts, rows: &[&Row]) -> String {
             "Of what does not trace rays for each frame, and within 10 % of the least error, {choice}."
         );
     }
-    let ends = |variant: &str| {
-        let displacement = &report
-            .find(&facts.scene, "representation", variant)?
-            .displacement;
-        Some((displacement.first()?.flip, displacement.last()?.flip))
-    };
+    let flip = |variant: &str| report.displacement_flip(&facts.scene, variant);
     let mut comparisons = Vec::new();
-    if let (Some(ldi), Some(map)) = (ends("LDI"), ends("cube map")) {
+    if let (Some(ldi), Some(map)) = (flip("LDI"), flip("cube map")) {
         comparisons.push(format!(
             "from the headbox's centre to a corner the FLIP of the LDI goes from {:.3} to {:.3}, that of a cube map from {:.3} \
              to {:.3}",
-            ldi.0, ldi.1, map.0, map.1,
+            ldi[0], ldi[1], map[0], map[1],
         ));
     }
     if let Some(rival) = &facts.rival
@@ -339,7 +308,7 @@ fn sentences(report: &Report, facts: &SceneFacts, rows: &[&Row]) -> String {
     text
 }
 
-/// Returns the table of a scene's representations.
+/// Formats the table of a scene's representations.
 fn table(rows: &[&Row]) -> Table {
     let names = [
         "representation",
@@ -387,15 +356,15 @@ fn table(rows: &[&Row]) -> Table {
     table
 }
 
-/// Returns the table of the papers' numbers beside those of each scene.
-fn claims(report: &Report) -> Table {
+/// Formats the table of the papers' numbers and those of each scene.
+fn paper_numbers(report: &Report) -> Table {
     let names = report.scenes.iter().map(|facts| short(&facts.scene));
     let mut table = Table::new(["id", "quantity", "paper"].into_iter().chain(names));
-    for claim in &CLAIMS {
+    for number in &PAPER_NUMBERS {
         let ours: Vec<Option<f64>> = report
             .scenes
             .iter()
-            .map(|facts| (claim.ours)(report, facts))
+            .map(|facts| (number.ours)(report, facts))
             .collect();
         if ours.iter().all(Option::is_none) {
             continue;
@@ -404,9 +373,13 @@ fn claims(report: &Report) -> Table {
             .into_iter()
             .map(|value| value.map_or("-".into(), figure));
         table.row(
-            [claim.id.to_owned(), claim.what.into(), figure(claim.theirs)]
-                .into_iter()
-                .chain(cells),
+            [
+                number.id.to_owned(),
+                number.what.into(),
+                figure(number.theirs),
+            ]
+            .into_iter()
+            .chain(cells),
         );
     }
     table

@@ -1,62 +1,61 @@
-//! Frames of the LDI beside Embree's primary rays, eye by eye, in turns.
+//! Frame times of the LDI against Embree's primary rays, measured in turns at each eye.
 
-use super::field::DefaultCapture;
+use super::contender_list::DefaultCapture;
 use super::subject::{ReportError, Subject};
 use crate::embree::{Embree, PROGRAM};
 use crate::plan::{EyeSet, Plan};
-use crate::turns::{in_turns, least};
+use crate::turns::{in_turns, least, time_ms};
 use headbox_core::statistics::median;
 use headbox_cube::pack::CubeLdi;
 use headbox_cube::render::footprint::splat::SplatKernel;
 use headbox_cube::render::{RenderSettings, Renderer};
 use rayon::ThreadPool;
 use serde::{Deserialize, Serialize};
-use std::time::Instant;
 
-/// The rival and how every kernel stands against it.
+/// Times of Embree's primary rays and of every splat kernel.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct RivalRows {
+pub struct EmbreeComparison {
     /// Embree's version.
     pub version: String,
-    /// Threads of both.
+    /// Number of threads of both.
     pub threads: usize,
-    /// Milliseconds of its primary rays: median over eyes of the least of the rounds.
+    /// Time of Embree's primary rays, ms: median over eyes of the least of the rounds.
     pub ms_median: f64,
-    /// The kernels, the default first.
-    pub kernels: Vec<KernelAgainstRival>,
+    /// Kernels, the default first.
+    pub kernels: Vec<KernelTime>,
 }
 
-/// One kernel.
+/// Time of one splat kernel.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct KernelAgainstRival {
-    /// Its name on the command line, and what it draws if that is more than samples.
+pub struct KernelTime {
+    /// Name on the command line, with "and planes" for a capture with plane textures.
     pub kernel: String,
-    /// Milliseconds, as the rival's.
+    /// Time of a frame, ms: median over eyes of the least of the rounds.
     pub ms_median: f64,
-    /// Median over eyes of its time over the rival's.
+    /// Median over eyes of the ratio of the frame's time to that of Embree's rays.
     pub over_rays: f64,
 }
 
-/// Turns of each eye.
+/// Rounds per eye.
 const ROUNDS: u32 = 7;
 
-/// Whoever takes turns.
-enum Way<'a> {
-    Ours(Box<Renderer>, RenderSettings, &'a CubeLdi),
+/// A renderer that is timed in turns.
+enum TimedRenderer<'a> {
+    Ldi(Box<Renderer>, RenderSettings, &'a CubeLdi),
     Rays(Embree),
 }
 
-/// Measures the default kernel on a capture with pictures on planes, and all kernels on its samples
-/// alone, against the rival; `None` where [`PROGRAM`] is not set.
+/// Times the default kernel with plane textures, and all kernels without, against Embree; `None` if
+/// [`PROGRAM`] is not set.
 ///
 /// # Errors
-/// [`ReportError::Rival`] if it is set, and the program does not do what it should.
+/// [`ReportError::Rival`] if the program fails.
 pub(super) fn measure(
     subject: &Subject,
     plan: &Plan,
     capture: &DefaultCapture,
     pool: &ThreadPool,
-) -> Result<Option<RivalRows>, ReportError> {
+) -> Result<Option<EmbreeComparison>, ReportError> {
     let Some(program) = std::env::var_os(PROGRAM) else {
         eprintln!("Embree's primary rays: left out, as {PROGRAM} is not set");
         return Ok(None);
@@ -75,27 +74,30 @@ pub(super) fn measure(
         .with_planes
         .iter()
         .map(|cube| (format!("{} and planes", default.name()), default, cube));
-    let (names, ours): (Vec<String>, Vec<Way>) = planes
+    let (names, mut renderers): (Vec<String>, Vec<TimedRenderer>) = planes
         .chain(samples)
         .map(|(name, kernel, cube)| {
             let settings = RenderSettings {
                 kernel,
                 ..RenderSettings::default()
             };
-            (name, Way::Ours(Box::new(Renderer::new()), settings, cube))
+            (
+                name,
+                TimedRenderer::Ldi(Box::new(Renderer::new()), settings, cube),
+            )
         })
         .unzip();
-    let mut ways: Vec<Way> = ours.into_iter().chain([Way::Rays(embree)]).collect();
-    let mut by_way: Vec<Vec<f64>> = vec![Vec::new(); ways.len()];
+    renderers.push(TimedRenderer::Rays(embree));
+    let mut times_ms: Vec<Vec<f64>> = vec![Vec::new(); renderers.len()];
     for eye in plan.eyes.iter().filter(|eye| eye.belongs_to(EyeSet::All)) {
         let mut failed = None;
-        let times = in_turns(&mut ways, ROUNDS, |_, way| match way {
-            Way::Ours(renderer, settings, cube) => Some(pool.install(|| {
-                let started = Instant::now();
-                renderer.render_with_stats(cube, &eye.camera, settings);
-                started.elapsed().as_secs_f64() * 1e3
+        let times = in_turns(&mut renderers, ROUNDS, |_, renderer| match renderer {
+            TimedRenderer::Ldi(renderer, settings, cube) => Some(pool.install(|| {
+                time_ms(|| {
+                    renderer.render_with_stats(cube, &eye.camera, settings);
+                })
             })),
-            Way::Rays(embree) => embree
+            TimedRenderer::Rays(embree) => embree
                 .trace(&eye.camera)
                 .map(|frame| frame.ms)
                 .map_err(|e| failed = Some(e))
@@ -104,26 +106,18 @@ pub(super) fn measure(
         if let Some(error) = failed {
             return Err(ReportError::Rival(error));
         }
-        by_way
-            .iter_mut()
-            .zip(&times)
-            .for_each(|(all, times)| all.extend(least(times)));
-    }
-    let rays = by_way.pop().unwrap_or_default();
-    let of_kernel = |(kernel, ms): (String, &Vec<f64>)| {
-        let ratios: Vec<f64> = ms
-            .iter()
-            .zip(&rays)
-            .map(|(ours, theirs)| ours / theirs)
-            .collect();
-        KernelAgainstRival {
-            kernel,
-            ms_median: median(ms.iter().copied()).unwrap_or(0.0),
-            over_rays: median(ratios).unwrap_or(0.0),
+        for (all, times) in times_ms.iter_mut().zip(&times) {
+            all.extend(least(times));
         }
+    }
+    let rays = times_ms.pop().unwrap_or_default();
+    let kernel_time = |(kernel, ms): (String, Vec<f64>)| KernelTime {
+        kernel,
+        over_rays: median(ms.iter().zip(&rays).map(|(ours, theirs)| ours / theirs)).unwrap_or(0.0),
+        ms_median: median(ms).unwrap_or(0.0),
     };
-    let kernels = names.into_iter().zip(&by_way).map(of_kernel).collect();
-    Ok(Some(RivalRows {
+    let kernels = names.into_iter().zip(times_ms).map(kernel_time).collect();
+    Ok(Some(EmbreeComparison {
         version,
         threads,
         ms_median: median(rays.iter().copied()).unwrap_or(0.0),

@@ -1,20 +1,20 @@
-//! Data of a report: rows, and the conditions under which they were measured.
+//! Data of a report: rows and the conditions of their measurement.
 
-use super::rival::RivalRows;
+use super::rival::EmbreeComparison;
 use crate::machine::Machine;
 use crate::plan::EyeSet;
 use headbox_core::metrics::infinite_as_null;
 use serde::{Deserialize, Serialize};
 
-/// One setting of one representation of one scene, measured. Rows of one `group` differ in one
-/// thing.
+/// Measured results of one setting of one representation of one scene. Rows of a `group` differ in
+/// one parameter.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Row {
-    /// The scene.
+    /// Name of the scene.
     pub scene: String,
-    /// Subject of the group's comparison.
+    /// Name of the group: the compared parameter.
     pub group: String,
-    /// The setting.
+    /// Name of the setting.
     pub variant: String,
     /// True for the row that the others of the group are compared with.
     pub baseline: bool,
@@ -22,76 +22,74 @@ pub struct Row {
     pub traces: bool,
     /// Set of eyes.
     pub eyes: EyeSet,
-    /// Threads that drew.
+    /// Number of threads of the renderer.
     pub threads: usize,
-    /// Milliseconds per frame: median over eyes and rounds.
+    /// Frame time, ms: median over eyes and rounds.
     pub ms_median: f64,
-    /// First and third quartile.
+    /// First and third quartile of the frame time, ms.
     pub ms_quartiles: [f64; 2],
-    /// Median over eyes of this row's time over the group's baseline's, each the least of the
-    /// rounds that were drawn in turns.
+    /// Median over eyes of the ratio of this row's time to that of the group's baseline, each the
+    /// least of the rounds, which were drawn in turns.
     pub time_ratio: f64,
-    /// Depth pixels that a frame has to look at (of a clipped LDI, those that clipping against the
-    /// whole frame leaves), each counted once, mean per frame; 0 where there are none.
+    /// Mean number of depth pixels that a frame processes (after clipping against the whole frame),
+    /// each counted once; 0 without depth pixels.
     pub depth_pixels_in: f64,
-    /// Depth pixels in, millions per second of the median frame.
+    /// Depth pixels processed, millions per second of the median frame.
     pub depth_pixels_m_per_s: f64,
-    /// Bytes in memory that drawing needs.
+    /// Memory that drawing needs, bytes.
     pub bytes: u64,
-    /// Depth pixels in all.
+    /// Total number of depth pixels.
     pub depth_pixels: u64,
-    /// Seconds to make it, if it had to be made.
+    /// Capture time, seconds; `None` for a given file.
     pub capture_s: Option<f64>,
-    /// Rays traced to make it.
+    /// Number of rays traced by the capture.
     pub rays: Option<u64>,
     /// Mean FLIP.
     pub flip: f64,
-    /// PSNR of all eyes' frames taken as one, dB.
+    /// PSNR of the frames of all eyes taken as one, dB.
     #[serde(with = "infinite_as_null")]
     pub psnr_db: f64,
-    /// The same without what the noise of truth adds to the mean squared error (see
-    /// [`headbox_core::metrics::own_error`]); `None` where nothing is left that is more than
-    /// chance.
+    /// The same without the share of the noise of truth in the mean squared error (see
+    /// [`headbox_core::metrics::own_error`]); `None` if the rest is not significant.
     #[serde(default)]
     pub own_psnr_db: Option<f64>,
     /// Mean SSIM.
     pub ssim: f64,
-    /// Share of pixels that show nothing, or the environment where truth shows geometry alone;
-    /// `None` where the renderer does not tell.
+    /// Share of pixels that are holes, or show the environment where truth shows only geometry;
+    /// `None` if the renderer does not report it.
     pub hole_fraction: Option<f64>,
-    /// The eye with the largest FLIP.
+    /// Frame with the largest FLIP.
     pub worst: WorstFrame,
-    /// Root mean square, over channels 0..=1, of how the error changes between neighbouring frames
-    /// of a smooth path.
+    /// Root mean square change of the error between neighbouring frames of a smooth path, over
+    /// channels 0..=1.
     pub flicker: Option<f64>,
-    /// PSNR of this row's frames against those of the group's baseline, dB; infinite if they are
-    /// equal.
+    /// PSNR against the frames of the group's baseline, dB; infinite if they are equal.
     #[serde(with = "infinite_as_null")]
     pub psnr_to_baseline_db: f64,
-    /// Error as the eye goes from the centre to a corner.
+    /// Errors on the line from the centre to a corner.
     pub displacement: Vec<DisplacementError>,
 }
 
 /// The frame with the largest error.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct WorstFrame {
-    /// Number of the eye in [`SceneFacts::eyes`].
+    /// Index of the eye in [`SceneFacts::eyes`].
     pub eye: usize,
-    /// Its FLIP.
+    /// FLIP of the frame.
     pub flip: f64,
-    /// Its PSNR, dB.
+    /// PSNR of the frame, dB.
     #[serde(with = "infinite_as_null")]
     pub psnr_db: f64,
 }
 
-/// Error at one place between the centre and a corner.
+/// Error at one eye between the centre and a corner.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DisplacementError {
     /// Distance of the eye: 0 at the centre, 1 in the corner.
     pub share: f64,
-    /// FLIP there.
+    /// FLIP of the frame.
     pub flip: f64,
-    /// PSNR there, dB.
+    /// PSNR of the frame, dB.
     #[serde(with = "infinite_as_null")]
     pub psnr_db: f64,
 }
@@ -99,133 +97,170 @@ pub struct DisplacementError {
 /// One eye and its truth.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct EyeRecord {
-    /// `uniform`, `line` or `path`.
+    /// Name of the place: `uniform`, `line`, `wall` or `path`.
     pub place: String,
     /// Offset from the centre, in half-sizes of the headbox.
     pub offset: [f64; 3],
     /// Viewing direction, world axes.
     pub forward: [f64; 3],
-    /// Rays per pixel of its truth.
+    /// Rays per pixel of truth.
     pub truth_samples: u32,
-    /// Standard error of its truth as a PSNR, dB.
+    /// Standard error of truth as a PSNR, dB.
     #[serde(with = "infinite_as_null")]
     pub truth_psnr_db: f64,
 }
 
-/// Further facts about a scene and its default capture.
+/// Facts about a scene and its default capture.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SceneFacts {
-    /// The scene.
+    /// Name of the scene.
     pub scene: String,
-    /// Triangles.
+    /// Number of triangles.
     pub triangles: usize,
-    /// Bytes of vertices, triangles and texels: what drawing the geometry itself needs at least.
+    /// Size of vertices, triangles and texels, bytes: the least that drawing the geometry needs.
     pub scene_bytes: u64,
     /// Half of the headbox's edge, metres.
     pub half_size_m: f64,
-    /// Pixels a side of a face.
+    /// Edge of a face, px.
     pub face_size_px: u32,
-    /// Frames' size, pixels.
+    /// Size of the frames, px.
     pub frame_px: [u32; 2],
-    /// Occupied pixels, and samples behind the first, second and third: layers 1, 2, 3 and 4 and
-    /// more.
+    /// Number of samples in layers 1, 2, 3, and 4 or more; layer 1 counts the occupied pixels.
     pub layers: [u64; 4],
     /// Share of depth pixels in near segments.
     pub near_share: f64,
-    /// Rays traced for each depth pixel kept.
+    /// Rays traced per depth pixel.
     pub rays_per_depth_pixel: f64,
-    /// The eyes, in the order in which they were drawn; a path's last.
+    /// Eyes in drawing order; those of the path are last.
     pub eyes: Vec<EyeRecord>,
-    /// By how much the standard error of truth, over the eyes of a row, lies below the row's error:
-    /// the least of all rows that do not trace, dB.
+    /// Distance of the standard error of truth, over the eyes of a row, below the row's error, dB:
+    /// the least over all rows that do not trace.
     #[serde(with = "infinite_as_null")]
     pub margin_db: f64,
-    /// Flicker that the noise of truth alone may cause, at most: where a row's is not well above
-    /// it, it says nothing.
+    /// Upper bound of the flicker caused by the noise of truth: a row's flicker is significant only
+    /// well above it.
     pub truth_flicker: f64,
-    /// Frames beside Embree's primary rays, where it was there.
+    /// Frame times against Embree's primary rays, if Embree is available.
     #[serde(default)]
-    pub rival: Option<RivalRows>,
+    pub rival: Option<EmbreeComparison>,
 }
 
 impl SceneFacts {
-    /// The eyes that errors are measured from; those of a path are for how frames change along it.
-    pub(super) fn judged_eyes(&self) -> impl Iterator<Item = &EyeRecord> + Clone {
+    /// Iterates over the eyes at which errors are measured; those of the path serve flicker only.
+    pub(super) fn error_eyes(&self) -> impl Iterator<Item = &EyeRecord> + Clone {
         self.eyes.iter().filter(|eye| eye.place != "path")
     }
 
-    /// Depth pixels over occupied pixels.
+    /// Formats the rays per pixel of truth as `least to most`, or as one number if they are equal.
+    pub(super) fn truth_samples_range(&self) -> String {
+        let samples = self.error_eyes().map(|eye| eye.truth_samples);
+        let least = samples.clone().min().unwrap_or(0);
+        let most = samples.max().unwrap_or(0);
+        if least == most {
+            most.to_string()
+        } else {
+            format!("{least} to {most}")
+        }
+    }
+
+    /// Returns the share of samples in a layer.
+    pub(super) fn layer_share(&self, layer: usize) -> f64 {
+        self.layers[layer] as f64 / self.layers.iter().sum::<u64>().max(1) as f64
+    }
+
+    /// Returns the number of depth pixels per occupied pixel.
     pub fn depth_complexity(&self) -> f64 {
         self.layers.iter().sum::<u64>() as f64 / self.layers[0].max(1) as f64
     }
 }
 
-/// All of a run.
+/// Results of a run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Report {
     /// Version of this format.
     pub version: u32,
     /// Machine of the measurement.
     pub machine: Machine,
-    /// The commit of the program, with `+` if its sources had been changed; `unknown` if there is
-    /// no telling.
+    /// Commit of the program, see [`crate::machine::commit`].
     pub commit: String,
     /// Version of the program.
     pub program: String,
-    /// The seed of eyes and captures.
+    /// Seed of eyes and captures.
     pub seed: u64,
-    /// True for small sizes.
+    /// True for `--quick`.
     pub quick: bool,
-    /// True for real sizes.
+    /// True for `--real`.
     #[serde(default)]
     pub real: bool,
-    /// One entry for each scene.
+    /// Facts about each scene.
     pub scenes: Vec<SceneFacts>,
-    /// The rows, scene after scene, group after group.
+    /// Rows by scene, then by group.
     pub rows: Vec<Row>,
 }
 
 impl Report {
-    /// The version that this program writes and reads.
+    /// Version of the format that this program writes and reads.
     pub const VERSION: u32 = 1;
 
-    /// Takes over the scenes of an earlier report, if that was made alike.
+    /// Adopts the scenes of an earlier report, if it was made by the same commit with the same
+    /// settings.
     pub fn resume(&mut self, earlier: Option<Self>) {
-        let same = |earlier: &Self| {
-            let about = |r: &Self| {
-                (
-                    r.commit.clone(),
-                    r.seed,
-                    r.quick,
-                    r.real,
-                    r.machine.threads,
-                    r.machine.simd.clone(),
-                )
-            };
-            about(earlier) == about(self)
-                && !earlier.commit.ends_with('+')
-                && earlier.commit != "unknown"
+        let Some(earlier) = earlier else {
+            return;
         };
-        if let Some(earlier) = earlier.filter(same) {
-            (self.scenes, self.rows) = (earlier.scenes, earlier.rows);
+        if earlier.commit == self.commit
+            && earlier.seed == self.seed
+            && earlier.quick == self.quick
+            && earlier.real == self.real
+            && earlier.machine.threads == self.machine.threads
+            && earlier.machine.simd == self.machine.simd
+            && !earlier.commit.ends_with('+')
+            && earlier.commit != "unknown"
+        {
+            self.scenes = earlier.scenes;
+            self.rows = earlier.rows;
         }
     }
 
-    /// The rows of a scene's group.
+    /// Returns the flag of the sizes on the command line, with a leading space, or "".
+    pub(super) fn size_flag(&self) -> &'static str {
+        if self.quick {
+            " --quick"
+        } else if self.real {
+            " --real"
+        } else {
+            ""
+        }
+    }
+
+    /// Iterates over the rows of a scene's group.
     pub fn group<'a>(&'a self, scene: &'a str, group: &'a str) -> impl Iterator<Item = &'a Row> {
         self.rows
             .iter()
             .filter(move |row| row.scene == scene && row.group == group)
     }
 
-    /// A row.
+    /// Finds the first row of a scene's group that is its baseline, or that is not.
+    pub(super) fn first(&self, scene: &str, group: &str, baseline: bool) -> Option<&Row> {
+        self.rows
+            .iter()
+            .find(|row| row.scene == scene && row.group == group && row.baseline == baseline)
+    }
+
+    /// Returns the FLIP of a representation at the centre of the headbox and in a corner.
+    pub(super) fn displacement_flip(&self, scene: &str, variant: &str) -> Option<[f64; 2]> {
+        let line = &self.find(scene, "representation", variant)?.displacement;
+        Some([line.first()?.flip, line.last()?.flip])
+    }
+
+    /// Finds a row.
     pub fn find(&self, scene: &str, group: &str, variant: &str) -> Option<&Row> {
         self.rows
             .iter()
             .find(|row| row.scene == scene && row.group == group && row.variant == variant)
     }
 
-    /// The groups of a scene, in order.
+    /// Returns the groups of a scene in order.
     pub fn groups(&self, scene: &str) -> Vec<&str> {
         let mut groups: Vec<&str> = Vec::new();
         for row in self.rows.iter().filter(|row| row.scene == scene) {
@@ -236,7 +271,7 @@ impl Report {
         groups
     }
 
-    /// The rows as comma-separated values, a header first.
+    /// Formats the rows as comma-separated values with a header.
     pub fn to_csv(&self) -> String {
         let mut text = String::from(
             "scene,group,variant,baseline,eyes,threads,ms_median,ms_q1,ms_q3,time_ratio,depth_pixels_m_per_s,bytes,\
@@ -277,7 +312,7 @@ impl Report {
     }
 }
 
-/// A cell that may hold commas.
+/// Quotes a CSV cell if necessary.
 fn quoted(cell: &str) -> String {
     if cell.contains([',', '"', '\n']) {
         format!("\"{}\"", cell.replace('"', "\"\""))
@@ -286,19 +321,20 @@ fn quoted(cell: &str) -> String {
     }
 }
 
-/// The rows that do not trace and are within 10 % of the least error of such.
+/// Selects the exact rows: those that do not trace and are within 10 % of the least error of such.
 fn exact<'a>(rows: &[&'a Row]) -> impl Iterator<Item = &'a Row> {
     let drawn = || rows.iter().copied().filter(|row| !row.traces);
     let least = drawn().map(|row| row.flip).fold(f64::INFINITY, f64::min);
     drawn().filter(move |row| row.flip <= least * 1.1)
 }
 
-/// Recommended row: the fastest of the exact rows.
+/// Selects the recommended row: the fastest of the exact rows.
 pub(super) fn chosen<'a>(rows: &[&'a Row]) -> Option<&'a Row> {
     exact(rows).min_by(|a, b| a.ms_median.total_cmp(&b.ms_median))
 }
 
-/// Recommended row where memory is scarce: the smallest of the exact rows, of equals the fastest.
+/// Selects the recommended row where memory is scarce: the smallest of the exact rows, of equals
+/// the fastest.
 pub(super) fn smallest<'a>(rows: &[&'a Row]) -> Option<&'a Row> {
     exact(rows).min_by(|a, b| {
         a.bytes

@@ -1,16 +1,13 @@
-//! One scene of a report: its contenders, their measurement, truth that is good enough, rows and
-//! facts.
+//! One scene of a report: contenders, measurement, truth, rows and facts.
 
-use super::field::ContenderField;
-use super::field::DefaultCapture;
-use super::growth::grow;
+use super::contender_list::{ContenderList, DefaultCapture};
 use super::row::{EyeRecord, Row, SceneFacts};
 use super::subject::{ReportError, Subject};
+use super::truth_samples::trace_truths;
 use super::wall::Wall;
+use super::{measurement, rival};
 use crate::plan::{Eye, Plan};
-use crate::report::judge;
-use crate::report::rival;
-use crate::stats::{mean, mse_of_psnr, pooled_psnr_db};
+use crate::stats::{mean, mse_from_psnr, pooled_psnr_db};
 use crate::truths::Truths;
 use headbox_core::progress::Progress;
 use headbox_cube::pack::SegmentSide;
@@ -27,26 +24,31 @@ pub fn run(
     cache: Option<PathBuf>,
     progress: &dyn Progress,
 ) -> Result<(SceneFacts, Vec<Row>), ReportError> {
-    let wall = Wall::of(subject, plan);
+    let wall = Wall::new(subject, plan);
     let plan = &match &wall {
         Some(wall) => plan.with_eyes(wall.eyes(&subject.tracer, plan)?),
         None => plan.clone(),
     };
-    let mut field = ContenderField::new(subject, plan, wall)?;
-    let default = field.add_all(progress)?;
-    let rival = rival::measure(subject, plan, &default, &field.all)?;
-    let mut contenders = field.contenders;
-    let measured = judge::draw_in_turns(&mut contenders, &plan.eyes, plan.quality.rounds, progress);
+    let mut list = ContenderList::new(subject, plan, wall)?;
+    let default = list.add_all(progress)?;
+    let rival = rival::measure(subject, plan, &default, &list.all)?;
+    let mut contenders = list.contenders;
+    let measured =
+        measurement::draw_in_turns(&mut contenders, &plan.eyes, plan.quality.rounds, progress);
     let truths = Truths::new(&subject.tracer, &subject.lighting, subject.lit, cache);
-    let grown = grow(&truths, &contenders, &measured, plan, progress)?;
-    let records: Vec<EyeRecord> = plan
-        .eyes
-        .iter()
-        .zip(&grown)
-        .map(|(eye, truth)| eye_record(eye, truth))
+    let traced = trace_truths(&truths, &contenders, &measured, plan, progress)?;
+    let records = plan.eyes.iter().zip(&traced);
+    let records: Vec<EyeRecord> = records
+        .map(|(eye, (truth, truth_samples))| EyeRecord {
+            place: eye.place.name().into(),
+            offset: eye.offset.to_array(),
+            forward: eye.camera.forward().to_array(),
+            truth_samples: *truth_samples,
+            truth_psnr_db: truth.standard_error_psnr_db,
+        })
         .collect();
-    let (frames, _): (Vec<Truth>, Vec<u32>) = grown.into_iter().unzip();
-    let rows = judge::rows(&subject.name, &contenders, &measured, &plan.eyes, &frames)?;
+    let frames: Vec<Truth> = traced.into_iter().map(|(truth, _)| truth).collect();
+    let rows = measurement::rows(&subject.name, &contenders, &measured, &plan.eyes, &frames)?;
     let margin_db = margin_db(&rows, &plan.eyes, &records);
     Ok((
         SceneFacts {
@@ -58,31 +60,23 @@ pub fn run(
     ))
 }
 
-fn eye_record(eye: &Eye, (truth, truth_samples): &(Truth, u32)) -> EyeRecord {
-    EyeRecord {
-        place: eye.place.name().into(),
-        offset: eye.offset.to_array(),
-        forward: eye.camera.forward().to_array(),
-        truth_samples: *truth_samples,
-        truth_psnr_db: truth.standard_error_psnr_db,
-    }
-}
-
-/// The least margin of truth over any row that does not trace, dB.
+/// Returns the least distance of the standard error of truth below the error of any row that does
+/// not trace, dB.
 fn margin_db(rows: &[Row], eyes: &[Eye], records: &[EyeRecord]) -> f64 {
-    let of_row = |row: &Row| {
-        let belong = eyes
+    let row_margin_db = |row: &Row| {
+        let row_eyes = eyes
             .iter()
             .zip(records)
             .filter(|(eye, _)| eye.belongs_to(row.eyes));
-        pooled_psnr_db(belong.map(|(_, record)| record.truth_psnr_db)) - row.psnr_db
+        pooled_psnr_db(row_eyes.map(|(_, record)| record.truth_psnr_db)) - row.psnr_db
     };
     rows.iter()
         .filter(|row| !row.traces)
-        .map(of_row)
+        .map(row_margin_db)
         .fold(f64::INFINITY, f64::min)
 }
 
+/// Collects the facts about a scene, without margin and comparison with Embree.
 fn facts(
     subject: &Subject,
     plan: &Plan,
@@ -112,11 +106,10 @@ fn facts(
     let path: Vec<f64> = eyes
         .iter()
         .filter(|e| e.place == "path")
-        .map(|e| mse_of_psnr(e.truth_psnr_db))
+        .map(|e| mse_from_psnr(e.truth_psnr_db))
         .collect();
-    let changes = path.windows(2).map(|pair| pair[0] + pair[1]);
     let truth_flicker = if path.len() > 1 {
-        mean(changes).sqrt()
+        mean(path.windows(2).map(|pair| pair[0] + pair[1])).sqrt()
     } else {
         0.0
     };

@@ -1,4 +1,4 @@
-//! Subjects of a report: the scene itself, and given files.
+//! Subject of a report: a scene with optional files of its representations.
 
 use super::contender::SharedView;
 use headbox_cube::pack::CubeLdi;
@@ -7,13 +7,13 @@ use headbox_trace::bvh::Tracer;
 use headbox_trace::light::Lighting;
 use std::sync::Arc;
 
-/// Why a report could not be made.
+/// Error of a report.
 #[derive(Debug, thiserror::Error)]
 pub enum ReportError {
-    /// Threads could not be started.
+    /// A thread pool could not be started.
     #[error("threads could not be started: {0}")]
     Threads(#[from] rayon::ThreadPoolBuildError),
-    /// A camera could not be made.
+    /// A camera is invalid.
     #[error(transparent)]
     Camera(#[from] headbox_core::camera::CameraError),
     /// A capture failed.
@@ -22,19 +22,19 @@ pub enum ReportError {
     /// A capture could not be packed.
     #[error(transparent)]
     Pack(#[from] headbox_cube::pack::PackError),
-    /// Sprites could not be made.
+    /// Sprites could not be captured.
     #[error(transparent)]
     Sprite(#[from] headbox_sprite::SpriteError),
-    /// A lumigraph could not be made.
+    /// A lumigraph could not be captured.
     #[error(transparent)]
     Lumigraph(#[from] headbox_lumigraph::LumigraphError),
-    /// A frame is no picture.
+    /// A frame is not a valid image.
     #[error(transparent)]
     Frame(#[from] headbox_core::frame::FrameError),
-    /// The rival was asked for and failed.
+    /// Embree was requested and failed.
     #[error("the program that HEADBOX_EMBREE names: {0}")]
     Rival(#[source] std::io::Error),
-    /// Pictures could not be compared.
+    /// Frames could not be compared.
     #[error(transparent)]
     Metric(#[from] headbox_core::metrics::MetricError),
 }
@@ -43,16 +43,16 @@ pub enum ReportError {
 pub struct Subject {
     /// Name in the rows.
     pub name: String,
-    /// The scene, its origin at the centre of the headbox.
+    /// Tracer of the scene, its origin at the centre of the headbox.
     pub tracer: Arc<Tracer>,
-    /// Its light.
+    /// Light of the scene.
     pub lighting: Lighting,
     /// True if truth is lit.
     pub lit: bool,
-    /// A capture that is given instead of made.
+    /// Cube LDI from a file, instead of a new capture.
     pub cube: Option<CubeLdi>,
-    /// Sprites that are given instead of made.
+    /// Sprites from a file, instead of a new capture.
     pub sprites: Option<SpriteSet>,
-    /// Another representation of the scene, to be compared with what is made.
+    /// Another representation of the scene, as a further contender.
     pub view: Option<SharedView>,
 }

@@ -1,18 +1,18 @@
-//! Sentences of the summary, derived from the rows alone.
+//! The summary: sentences derived from the rows.
 
 use super::brief::brief;
 use super::figures::short;
-use super::rival::KernelAgainstRival;
+use super::format::{bytes, list, ms, times};
+use super::rival::KernelTime;
 use super::row::{Report, Row, SceneFacts, chosen, smallest};
 use super::wall::CURVE;
-use super::words::{bytes, list, ms, times};
 use crate::stats::pareto_front;
 use std::fmt::Write;
 
-/// Points of a sampling curve err equally if they err within this, dB.
+/// Difference within which the errors of points of a sampling curve are equal, dB.
 const EQUAL_DB: f64 = 0.5;
 
-/// `summary.md`.
+/// Formats `summary.md`.
 pub fn summary(report: &Report) -> String {
     let mut text = String::from("# Speed against error\n\n");
     text += &brief(report);
@@ -25,7 +25,7 @@ pub fn summary(report: &Report) -> String {
     text
 }
 
-/// Machine and conditions.
+/// Formats commit, seed and machine.
 fn preamble(report: &Report) -> String {
     let machine = &report.machine;
     let load = machine.load_hundredths.map_or(String::new(), |load| {
@@ -36,13 +36,7 @@ fn preamble(report: &Report) -> String {
     });
     format!(
         "`headbox report{}`, commit {}, seed {}: {} threads of {} ({}, {}){load}.\n",
-        if report.quick {
-            " --quick"
-        } else if report.real {
-            " --real"
-        } else {
-            ""
-        },
+        report.size_flag(),
         report.commit,
         report.seed,
         machine.threads,
@@ -52,18 +46,18 @@ fn preamble(report: &Report) -> String {
     )
 }
 
-/// All sentences of a scene.
+/// Formats all sentences of a scene.
 fn scene(report: &Report, facts: &SceneFacts) -> String {
-    let mut text = truth_sentence(facts);
+    let mut text = conditions(facts);
     text += "\n";
     let rows: Vec<&Row> = report.group(&facts.scene, "representation").collect();
-    text += &choice(&rows);
-    text += &against_the_rest(&rows);
-    text += &against_rays(facts);
+    text += &recommendation(&rows);
+    text += &ldi_against_others(&rows);
+    text += &ldi_against_rays(facts);
     text += &displacement(report, &facts.scene);
-    text += &short_of(report, &facts.scene);
-    text += &steadiness(&rows, facts);
-    text += &curve(report, &facts.scene);
+    text += &other_resources(report, &facts.scene, &rows);
+    text += &ldi_stability(&rows, facts);
+    text += &sampling_curve(report, &facts.scene);
     text += "\nEach approximation against the same without it:\n\n";
     for group in report
         .groups(&facts.scene)
@@ -76,30 +70,22 @@ fn scene(report: &Report, facts: &SceneFacts) -> String {
     text
 }
 
-fn truth_sentence(facts: &SceneFacts) -> String {
-    let samples = facts.judged_eyes().map(|eye| eye.truth_samples);
-    let (least, most) = (
-        samples.clone().min().unwrap_or(0),
-        samples.max().unwrap_or(0),
-    );
+/// Formats sizes, eyes and the standard error of truth.
+fn conditions(facts: &SceneFacts) -> String {
     let [width, height] = facts.frame_px;
-    let samples = if least == most {
-        most.to_string()
-    } else {
-        format!("{least} to {most}")
-    };
     format!(
-        "{} triangles; faces of {} px; {} eyes, frames of {width}x{height} px. Truth has {samples} rays per pixel; its \
+        "{} triangles; faces of {} px; {} eyes, frames of {width}x{height} px. Truth has {} rays per pixel; its \
          standard error lies {:.1} dB or more below every error that is measured with it.\n",
         facts.triangles,
         facts.face_size_px,
-        facts.judged_eyes().count(),
+        facts.error_eyes().count(),
+        facts.truth_samples_range(),
         facts.margin_db,
     )
 }
 
-/// Recommendations: the Pareto front of time and error.
-fn choice(rows: &[&Row]) -> String {
+/// Recommends the fastest variant, and lists the Pareto front of time and error.
+fn recommendation(rows: &[&Row]) -> String {
     let at: Vec<[f64; 2]> = rows.iter().map(|row| [row.ms_median, row.flip]).collect();
     let front: Vec<&Row> = pareto_front(&at).into_iter().map(|i| rows[i]).collect();
     let names = front.iter().map(|row| {
@@ -128,19 +114,19 @@ fn choice(rows: &[&Row]) -> String {
                 .unwrap_or_default(),
             bytes(fast.bytes),
         );
-        let drawn: Vec<&&Row> = rows.iter().filter(|row| !row.traces).collect();
-        text += &steadier(fast, &drawn);
+        text += &least_flicker(fast, rows);
     }
     text
 }
 
-/// Addition to the recommendation: the steadiest of the renderers, if it is another.
-fn steadier(chosen: &Row, drawn: &[&&Row]) -> String {
+/// Recommends the variant with the least flicker that does not trace, if it is another one.
+fn least_flicker(chosen: &Row, rows: &[&Row]) -> String {
     let Some(flicker) = chosen.flicker else {
         return String::new();
     };
-    let close = drawn.iter().filter(|row| row.flip <= chosen.flip * 1.1);
-    let steadiest = close
+    let steadiest = rows
+        .iter()
+        .filter(|row| !row.traces && row.flip <= chosen.flip * 1.1)
         .filter_map(|row| Some((row, row.flicker?)))
         .min_by(|a, b| a.1.total_cmp(&b.1));
     match steadiest {
@@ -154,8 +140,8 @@ fn steadier(chosen: &Row, drawn: &[&&Row]) -> String {
     }
 }
 
-/// The LDI against what one would do without.
-fn against_the_rest(rows: &[&Row]) -> String {
+/// Compares the LDI with all other representations.
+fn ldi_against_others(rows: &[&Row]) -> String {
     let Some(ldi) = rows.iter().find(|row| row.baseline) else {
         return String::new();
     };
@@ -181,13 +167,12 @@ fn against_the_rest(rows: &[&Row]) -> String {
     text
 }
 
-/// The LDI against Embree, if it was there.
-fn against_rays(facts: &SceneFacts) -> String {
+/// Compares the LDI with Embree's primary rays.
+fn ldi_against_rays(facts: &SceneFacts) -> String {
     let Some(rival) = &facts.rival else {
         return String::new();
     };
-    let kernel =
-        |k: &KernelAgainstRival| format!("{} {:.2} ({})", k.kernel, k.over_rays, ms(k.ms_median));
+    let kernel = |k: &KernelTime| format!("{} {:.2} ({})", k.kernel, k.over_rays, ms(k.ms_median));
     format!(
         "A frame over embree primary rays of the same eyes ({} by Embree {} on {} threads, hits alone): {}.\n",
         ms(rival.ms_median),
@@ -197,22 +182,17 @@ fn against_rays(facts: &SceneFacts) -> String {
     )
 }
 
+/// Compares the LDI with a cube map on the line from the centre to a corner.
 fn displacement(report: &Report, scene: &str) -> String {
-    let ends = |row: &Row| {
-        Some((
-            row.displacement.first()?.flip,
-            row.displacement.last()?.flip,
-        ))
-    };
-    let of = |variant: &str| ends(report.find(scene, "representation", variant)?);
-    match (of("LDI"), of("cube map")) {
+    let flip = |variant: &str| report.displacement_flip(scene, variant);
+    match (flip("LDI"), flip("cube map")) {
         (Some(ldi), Some(map)) => format!(
             "\nFrom the centre to a corner of the headbox the LDI's FLIP goes from {:.3} to {:.3}, a cube map's from {:.3} to \
              {:.3}.{}\n",
-            ldi.0,
-            ldi.1,
-            map.0,
-            map.1,
+            ldi[0],
+            ldi[1],
+            map[0],
+            map[1],
             crossing(report, scene).map_or(String::new(), |share| format!(
                 " If the eye stays within {:.0} % of the way, a cube map will do; beyond, use the LDI.",
                 share * 100.0
@@ -222,8 +202,8 @@ fn displacement(report: &Report, scene: &str) -> String {
     }
 }
 
-/// Distance from the centre (0) to a corner (1) up to which a cube map is more exact than the LDI;
-/// `None` unless it is so at first and not at last.
+/// Returns the position on the line from the centre (0) to a corner (1) up to which a cube map is
+/// more exact than the LDI; `None` if the errors do not cross.
 fn crossing(report: &Report, scene: &str) -> Option<f64> {
     let line = |variant: &str| Some(&report.find(scene, "representation", variant)?.displacement);
     let (ldi, map) = (line("LDI")?, line("cube map")?);
@@ -239,11 +219,10 @@ fn crossing(report: &Report, scene: &str) -> Option<f64> {
     Some(near + (far - near) * before / (before - after))
 }
 
-/// Recommendations where another resource than time is scarce: memory, capture time.
-fn short_of(report: &Report, scene: &str) -> String {
+/// Recommends a variant where memory is scarce, and rays where capture time is.
+fn other_resources(report: &Report, scene: &str, rows: &[&Row]) -> String {
     let mut text = String::new();
-    let rows: Vec<&Row> = report.group(scene, "representation").collect();
-    if let Some(small) = smallest(&rows) {
+    if let Some(small) = smallest(rows) {
         let smallest_scene = rows
             .iter()
             .filter(|row| row.traces)
@@ -291,7 +270,8 @@ fn short_of(report: &Report, scene: &str) -> String {
     text
 }
 
-fn steadiness(rows: &[&Row], facts: &SceneFacts) -> String {
+/// Formats the LDI's worst frame, holes and flicker.
+fn ldi_stability(rows: &[&Row], facts: &SceneFacts) -> String {
     let Some(ldi) = rows.iter().find(|row| row.baseline) else {
         return String::new();
     };
@@ -319,9 +299,9 @@ fn steadiness(rows: &[&Row], facts: &SceneFacts) -> String {
     text
 }
 
-/// Fastest point of a lumigraph's sampling curve, and a test that all have the same error, as they
-/// should.
-fn curve(report: &Report, scene: &str) -> String {
+/// Names the fastest point of a lumigraph's sampling curve, and tests that all points have the same
+/// error.
+fn sampling_curve(report: &Report, scene: &str) -> String {
     let rows: Vec<&Row> = report.group(scene, CURVE).collect();
     let Some(fastest) = rows
         .iter()
@@ -332,10 +312,8 @@ fn curve(report: &Report, scene: &str) -> String {
     };
     let psnr =
         |pick: fn(f64, f64) -> f64, from| rows.iter().map(|row| row.psnr_db).fold(from, pick);
-    let (least, most) = (
-        psnr(f64::min, f64::INFINITY),
-        psnr(f64::max, f64::NEG_INFINITY),
-    );
+    let least = psnr(f64::min, f64::INFINITY);
+    let most = psnr(f64::max, f64::NEG_INFINITY);
     let holds = if most - least <= EQUAL_DB {
         "as the curve promises"
     } else {
@@ -350,7 +328,7 @@ fn curve(report: &Report, scene: &str) -> String {
     )
 }
 
-/// One line: a group's rows against its baseline.
+/// Compares the rows of a group with its baseline, in one line.
 fn group_sentence(group: &str, rows: &[&Row]) -> String {
     let Some(base) = rows.iter().find(|row| row.baseline) else {
         return String::new();
@@ -369,7 +347,8 @@ fn group_sentence(group: &str, rows: &[&Row]) -> String {
         base.flip,
         base.psnr_db
     );
-    if let (Some(seconds), true) = (base.capture_s, differs(rows, |row| row.rays)) {
+    let rays_differ = rows.windows(2).any(|pair| pair[0].rays != pair[1].rays);
+    if let Some(seconds) = base.capture_s.filter(|_| rays_differ) {
         let _ = write!(first, ", captured in {seconds:.1} s");
     }
     format!(
@@ -379,11 +358,7 @@ fn group_sentence(group: &str, rows: &[&Row]) -> String {
     )
 }
 
-fn differs<T: PartialEq>(rows: &[&Row], key: impl Fn(&Row) -> T) -> bool {
-    rows.windows(2).any(|pair| key(pair[0]) != key(pair[1]))
-}
-
-/// A row against another.
+/// Compares a row with its baseline.
 fn difference(row: &Row, base: &Row) -> String {
     let mut parts = vec![times(row.time_ratio)];
     if row.psnr_to_baseline_db.is_infinite() {

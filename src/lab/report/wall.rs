@@ -1,6 +1,5 @@
-//! A wall of cameras in the middle of the headbox that look ahead, as a lumigraph has them, and the
-//! eyes before and behind it that it is judged by: where a cube LDI and sprites have something to
-//! show as well.
+//! A wall of lumigraph cameras in the middle of the headbox that look ahead, and eyes around it, at
+//! which lumigraphs, a cube LDI and sprites can be compared.
 
 use super::contender::{Contender, LumigraphDraw, Role};
 use super::subject::{ReportError, Subject};
@@ -17,40 +16,41 @@ use rayon::ThreadPool;
 use std::sync::Arc;
 use std::time::Instant;
 
-/// The group of what shows a scene from outside.
+/// Group of the representations at a camera wall.
 pub(super) const WALL: &str = "from a wall of cameras";
-/// The points of the sampling curve.
+/// Group of the points of the sampling curve.
 pub(super) const CURVE: &str = "lumigraph's sampling curve (all layers)";
-/// Name of the placement of layers.
+/// Group of the placements of layers.
 const PLACEMENT: &str = "lumigraph's layers, as many as the curve asks for";
 
 /// Vertical field of view of the images, degrees.
 const IMAGE_FOV_DEG: f64 = 60.0;
-/// That of the eyes' frames on the wall: the images show more than any of them.
+/// Vertical field of view of the frames at the wall, degrees: the images contain all of them.
 const FRAME_FOV_DEG: f64 = 40.0;
-/// Layers at most, as `headbox lumigraph` has them where nothing is said.
+/// Maximum number of layers, the default of `headbox lumigraph`.
 const LAYERS: usize = 255;
+/// Number of cameras per row and per column, the default of `headbox lumigraph`.
+const DEFAULT_CAMERAS: usize = 4;
 
-/// Possible camera positions.
+/// A camera wall: intrinsics and orientation of its cameras, and its half-size, metres.
 pub(super) struct Wall {
     parts: GridParts,
     half_size_m: f64,
 }
 
 impl Wall {
-    /// The wall of a plan's headbox; `None` if nothing lies ahead.
-    pub(super) fn of(subject: &Subject, plan: &Plan) -> Option<Self> {
+    /// Creates the wall of a plan's headbox; `None` if no geometry is ahead.
+    pub(super) fn new(subject: &Subject, plan: &Plan) -> Option<Self> {
         let world_from_eye = CameraGrid::facing(plan.ahead, DVec3::Y)?;
         let [width, height] = plan.quality.frame_px.map(f64::from);
         let focal_px = height / 2.0 / half(FRAME_FOV_DEG).tan();
         let wider = half(IMAGE_FOV_DEG).tan() / half(FRAME_FOV_DEG).tan();
         let size_px = [width, height].map(|side| (side * wider).ceil() as u32);
-        let (columns, rows) = (vec![0.0], vec![0.0]);
         let mut parts = GridParts {
             origin: plan.centre,
             world_from_eye,
-            columns,
-            rows,
+            columns: vec![0.0],
+            rows: vec![0.0],
             focal_px,
             size_px,
             convergence: 0.0,
@@ -62,21 +62,21 @@ impl Wall {
         })
     }
 
-    /// Amid the cameras, a step before them, behind them, and beside looking across; all at what
-    /// the images show.
+    /// Places four eyes: between the cameras, a step in front of them, behind them, and near an edge
+    /// with an oblique view; all within the field of view of the images.
     ///
     /// # Errors
-    /// [`CameraError`] if a frame has no size.
+    /// [`CameraError`] if the frames are empty.
     pub(super) fn eyes(&self, tracer: &Tracer, plan: &Plan) -> Result<Vec<Eye>, CameraError> {
         let (edge, depth) = (2.0 * self.half_size_m, 1.0 / self.parts.convergence);
-        // No farther than there is a free sight of the wall.
-        let behind = [2.0, 1.0, 0.5, 0.25].map(|share| share * edge);
-        let behind = behind
+        // As far back as the wall is visible.
+        let behind = [2.0, 1.0, 0.5, 0.25]
+            .map(|share| share * edge)
             .into_iter()
-            .find(|behind| self.is_seen(tracer, *behind))
+            .find(|behind| self.is_visible(tracer, *behind))
             .unwrap_or(0.0);
-        // What lies in the middle of depths looks as large as from the wall, as far as the wall is
-        // wide enough.
+        // Surfaces at the middle depth appear as large as from the wall, unless the wall is too
+        // narrow.
         let aspect = f64::from(plan.quality.frame_px[0]) / f64::from(plan.quality.frame_px[1]);
         let through = 0.9 * self.half_size_m / (behind * aspect.max(1.0)).max(1e-9);
         let far = (half(FRAME_FOV_DEG).tan() * depth / (depth + behind)).min(through);
@@ -119,9 +119,9 @@ impl Wall {
         .collect()
     }
 
-    /// Returns true if nothing occludes the wall's middle and corners from a position behind it,
+    /// Returns true if the wall's middle and corners are visible from a position `behind` it,
     /// metres.
-    fn is_seen(&self, tracer: &Tracer, behind: f64) -> bool {
+    fn is_visible(&self, tracer: &Tracer, behind: f64) -> bool {
         let axes = self.parts.world_from_eye;
         let eye = self.parts.origin + axes.z_axis * behind;
         let corners = [
@@ -133,29 +133,28 @@ impl Wall {
         ];
         corners.into_iter().all(|[x, y]| {
             let point = self.parts.origin + (axes.x_axis * x + axes.y_axis * y) * self.half_size_m;
-            let (origin, direction) = ((eye - tracer.origin()).as_vec3(), (point - eye).as_vec3());
             !tracer.occluded(&Ray {
-                origin,
-                direction,
+                origin: (eye - tracer.origin()).as_vec3(),
+                direction: (point - eye).as_vec3(),
                 t_min: 0.0,
                 t_max: 1.0,
             })
         })
     }
 
-    /// Images from so many cameras in a row and in a column; `None` if they see nothing.
+    /// Captures the images of `cameras` x `cameras` cameras; `None` if they see no geometry.
     fn capture(
         &self,
         subject: &Subject,
         cameras: usize,
         samples: u32,
         progress: &dyn Progress,
-    ) -> Result<Option<Images>, ReportError> {
+    ) -> Result<Option<WallImages>, ReportError> {
         let start = Instant::now();
-        let places = CameraGrid::evenly(cameras, 2.0 * self.half_size_m);
+        let positions = CameraGrid::evenly(cameras, 2.0 * self.half_size_m);
         let grid = CameraGrid::new(GridParts {
-            columns: places.clone(),
-            rows: places,
+            columns: positions.clone(),
+            rows: positions,
             ..self.parts.clone()
         })?;
         let Subject {
@@ -173,7 +172,7 @@ impl Wall {
         .run(&grid, progress)?;
         let rays = (grid.camera_count() * grid.picture_pixels()) as u64 * u64::from(samples);
         let capture_s = start.elapsed().as_secs_f64();
-        Ok(raw.range().is_some().then_some(Images {
+        Ok(raw.range().is_some().then_some(WallImages {
             raw,
             cameras,
             rays,
@@ -181,7 +180,7 @@ impl Wall {
         }))
     }
 
-    /// Lumigraphs of the scene, each in the groups that it stands for.
+    /// Captures the lumigraphs of the scene; returns them as contenders.
     pub(super) fn contenders(
         &self,
         subject: &Subject,
@@ -189,45 +188,39 @@ impl Wall {
         pool: &Arc<ThreadPool>,
         progress: &dyn Progress,
     ) -> Result<Vec<Contender>, ReportError> {
-        let mut found = Vec::new();
-        let usual = plan
-            .quality
-            .walls
-            .iter()
-            .copied()
-            .find(|cameras| *cameras == USUAL_CAMERAS);
-        for &cameras in plan.quality.walls {
-            let Some(images) =
-                self.capture(subject, cameras, plan.quality.wall_samples, progress)?
+        let quality = &plan.quality;
+        let mut contenders = Vec::new();
+        let has_default = quality.walls.contains(&DEFAULT_CAMERAS);
+        for &cameras in quality.walls {
+            let Some(images) = self.capture(subject, cameras, quality.wall_samples, progress)?
             else {
                 break;
             };
-            let is_usual = usual.is_none_or(|usual| usual == cameras);
-            if is_usual {
-                found.extend(images.usual(pool)?);
+            let is_default = !has_default || cameras == DEFAULT_CAMERAS;
+            if is_default {
+                contenders.extend(images.default_layers(pool)?);
             }
-            found.extend(images.of_curve(pool, is_usual)?);
+            contenders.extend(images.curve_point(pool, is_default)?);
         }
-        Ok(found)
+        Ok(contenders)
     }
 }
 
-/// Cameras of a row and of a column, as `headbox lumigraph` has them where nothing is said.
-const USUAL_CAMERAS: usize = 4;
-
+/// Returns half of a field of view, radians.
 fn half(fov_deg: f64) -> f64 {
     fov_deg.to_radians() / 2.0
 }
 
-/// Images of the cameras.
-struct Images {
+/// Images of a camera wall.
+struct WallImages {
     raw: RawLumigraph,
+    /// Number of cameras per row and per column.
     cameras: usize,
     rays: u64,
     capture_s: f64,
 }
 
-impl Images {
+impl WallImages {
     fn contender(
         &self,
         roles: Vec<Role>,
@@ -252,25 +245,21 @@ impl Images {
         }
     }
 
-    fn name(&self, what: &str) -> String {
-        format!("lumigraph of {0}x{0} images, {what}", self.cameras)
-    }
-
-    /// With as many layers as a byte tells apart, merged for each frame and not.
-    fn usual(&self, pool: &Arc<ThreadPool>) -> Result<Vec<Contender>, ReportError> {
+    /// Returns the lumigraph with [`LAYERS`] layers, which a frame merges or not.
+    fn default_layers(&self, pool: &Arc<ThreadPool>) -> Result<[Contender; 2], ReportError> {
         let lumigraph = Arc::new(self.raw.layered(LAYERS, Placement::Histogram)?);
-        let named = |merge, what: &str| {
-            let role = Role::other(WALL, self.name(what));
-            self.contender(vec![role], &lumigraph, merge, pool)
+        let contender = |merge, layers: &str| {
+            let name = format!("lumigraph of {0}x{0} images, {layers}", self.cameras);
+            self.contender(vec![Role::other(WALL, name)], &lumigraph, merge, pool)
         };
-        Ok(vec![
-            named(true, "layers merged"),
-            named(false, &format!("all {} layers", lumigraph.layers().len())),
+        Ok([
+            contender(true, "layers merged"),
+            contender(false, &format!("all {} layers", lumigraph.layers().len())),
         ])
     }
 
-    /// Number of layers that these images need on the minimum sampling curve (Eq. 7), for frames of
-    /// their own focal length.
+    /// Returns the number of layers that these images need on the minimum sampling curve (Eq. 7),
+    /// for frames of their own focal length.
     fn curve_layers(&self) -> Option<usize> {
         let grid = self.raw.grid();
         let pixel = 1.0 / grid.focal_px();
@@ -283,12 +272,12 @@ impl Images {
         Some(layers.ceil().clamp(1.0, MAX_LAYERS as f64) as usize)
     }
 
-    /// The point of the sampling curve that has these images, its layers put where surfaces are;
-    /// and, where these are the usual ones, at equal shares of the range as the paper has it.
-    fn of_curve(
+    /// Returns the point of the sampling curve for these images, with layers placed at surfaces,
+    /// and, for the default number of cameras, with layers uniform in the range, as in the paper.
+    fn curve_point(
         &self,
         pool: &Arc<ThreadPool>,
-        is_usual: bool,
+        is_default: bool,
     ) -> Result<Vec<Contender>, ReportError> {
         let Some(layers) = self.curve_layers() else {
             return Ok(Vec::new());
@@ -301,12 +290,8 @@ impl Images {
             self.cameras,
             placed.layers().len()
         );
-        let mut roles = vec![Role {
-            group: CURVE,
-            variant: name,
-            baseline: is_usual,
-        }];
-        if !is_usual {
+        let mut roles = vec![Role::new(CURVE, name, is_default)];
+        if !is_default {
             return Ok(vec![self.contender(roles, &placed, false, pool)]);
         }
         roles.push(Role::baseline(PLACEMENT, "where surfaces are"));

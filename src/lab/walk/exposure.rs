@@ -1,14 +1,14 @@
-//! Exposure errors: pixels whose backdrop shows nothing, or a surface that is not there.
+//! Exposure errors: pixels whose backdrop shows a hole or a wrong surface.
 //!
-//! Surfaces are told apart by colour, in a house without textures and light whose materials have
-//! colours far apart. A mixture of the surfaces that are there is no error, and what is only coarse
-//! does not count: frames are [`SMALLER`] times smaller than those of the walk, so that a pixel is
-//! no smaller than the samples of the coarsest backdrop, and a silhouette may be off by [`OFF_PX`].
+//! Surfaces are identified by colour, in a house without textures and light whose materials have
+//! very different colours. A mixture of true surfaces is not an error, nor is low resolution:
+//! frames are [`SMALLER`] times smaller than those of the walk, so that a pixel is at least as
+//! large as the samples of the coarsest backdrop, and a silhouette may be off by [`OFF_PX`].
 //!
-//! What is there is what a frame of the walk's own size shows. A truth as small as the frames, of
-//! one point a pixel, lacks what is thinner than its pixels, the reveals and trims of doors farther
-//! away, which a backdrop shows rightly. By that measure a perfect frame, each pixel the mean of
-//! those of the large truth, is wrong too; both are reported beside the other.
+//! The truth has the size of the walk's frames. A small truth with one sample per pixel would miss
+//! surfaces thinner than its pixels, such as reveals and trims of distant doors, which a backdrop
+//! shows correctly. By that measure even a perfect frame (each pixel the mean of those of the large
+//! truth) has errors; the report gives both measures, and the second one for a perfect frame.
 
 use super::{MeasureError, MeasureSettings, has_depth, share};
 use headbox_core::camera::{Camera, CameraError};
@@ -28,36 +28,36 @@ use headbox_raster::PixelContent;
 use headbox_trace::sampler::random4;
 use serde::{Deserialize, Serialize};
 
-/// A pixel whose colour differs by more than this (sRGB levels) in a channel shows another surface:
-/// materials are 60 apart.
+/// Difference in a channel above which a pixel shows another surface, sRGB levels: materials are 60
+/// apart.
 const WRONG_LEVELS: u8 = 24;
 
-/// Times by which frames are smaller than those of the walk.
+/// Ratio of the walk's frame size to that of the compared frames.
 const SMALLER: u32 = 4;
 
 /// Tolerance of a surface's position, pixels.
 const OFF_PX: i64 = 1;
 
-/// Exposure errors of one way to draw.
+/// Exposure errors of one kind of backdrop.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ExposureRow {
     /// Name of the kind of backdrop.
     pub name: String,
-    /// Share of the pixels behind portals that show nothing or a wrong surface.
+    /// Share of the pixels behind portals that show a hole or a wrong surface.
     pub wrong_share: f64,
-    /// The same by a truth of one point a pixel, which lacks surfaces thinner than that.
+    /// The same against a truth of one sample per pixel, which lacks surfaces thinner than a pixel.
     pub wrong_by_points_share: f64,
-    /// Value of that measure for a perfect frame.
+    /// [`Self::wrong_by_points_share`] of a perfect frame.
     pub perfect_by_points_share: f64,
-    /// Part of [`Self::wrong_share`] that shows nothing, as a share of the pixels behind portals.
+    /// Share of the pixels behind portals that show a hole; part of [`Self::wrong_share`].
     pub hole_share: f64,
-    /// The largest share of wrong pixels of one pose.
+    /// Largest share of wrong pixels of one pose.
     pub worst_share: f64,
-    /// Samples of one backdrop, mean.
+    /// Mean number of samples of a backdrop.
     pub samples: f64,
 }
 
-/// Exposure errors at some poses, of every kind of backdrop with depth among the variants.
+/// Measures the exposure errors of every kind of backdrop with depth among the variants.
 pub(super) fn errors(
     house: &House,
     cameras: &[Camera],
@@ -82,6 +82,7 @@ pub(super) fn errors(
     Ok(rows)
 }
 
+/// Measures one kind of backdrop at all `cameras`.
 fn row(
     house: &House,
     cameras: &[Camera],
@@ -89,26 +90,25 @@ fn row(
     kind: BackdropKind,
 ) -> Result<ExposureRow, MeasureError> {
     let store = Store::new(u64::MAX);
-    let warp = RenderSettings {
-        kernel: SplatKernel::Opaque,
-        ..RenderSettings::default()
-    };
-    let drawn = WalkSettings {
+    let walk_settings = WalkSettings {
         backdrops: Some(kind),
-        warp,
+        warp: RenderSettings {
+            kernel: SplatKernel::Opaque,
+            ..RenderSettings::default()
+        },
         ..HouseVariant::ALL[0].settings()
     };
     let (mut geometry, mut walker) = (Walker::new(), Walker::new());
     let (mut wrong, mut holes, mut pixels, mut worst) = (0, 0, 0, 0.0f64);
     let (mut by_points, mut perfect_by_points) = (0, 0);
-    for of_walk in cameras {
+    for walk_camera in cameras {
         // The same portals show backdrops as in the walk.
-        let drawn = WalkSettings {
-            near: Near::Distance(drawn.near.distance_m(of_walk)),
-            ..drawn
+        let walk_settings = WalkSettings {
+            near: Near::Distance(walk_settings.near.distance_m(walk_camera)),
+            ..walk_settings
         };
-        let camera = &smaller(of_walk)?;
-        Walker::prepare(house, &store, camera, &drawn, &settings.quality)?;
+        let camera = &smaller(walk_camera)?;
+        Walker::prepare(house, &store, camera, &walk_settings, &settings.quality)?;
         let points = geometry
             .frame(house, &store, camera, &WalkSettings::default())
             .0
@@ -116,21 +116,22 @@ fn row(
         let truth = geometry
             .frame(house, &store, &larger(camera)?, &WalkSettings::default())
             .0;
-        let stats = walker.frame(house, &store, camera, &drawn).1.clone();
+        let stats = walker
+            .frame(house, &store, camera, &walk_settings)
+            .1
+            .clone();
         let shown = walker.last();
         let behind = |pixel: usize| matches!(shown.seen(pixel), PixelContent::Marker(_));
-        let of_pose = wrong_pixels(&shown.frame, truth, behind);
+        let pose_wrong = wrong_pixels(&shown.frame, truth, behind);
         by_points += wrong_pixels(&shown.frame, &points, behind);
         perfect_by_points += wrong_pixels(&averaged(truth), &points, behind);
-        // Of a sliver of a portal nothing is learned.
+        // The share of a sliver of a portal says nothing.
         if stats.backdrop_pixels * 100 > stats.pixels {
-            worst = worst.max(share(of_pose as f64, stats.backdrop_pixels as f64));
+            worst = worst.max(share(pose_wrong as f64, stats.backdrop_pixels as f64));
         }
-        (wrong, holes, pixels) = (
-            wrong + of_pose,
-            holes + stats.hole_pixels,
-            pixels + stats.backdrop_pixels,
-        );
+        wrong += pose_wrong;
+        holes += stats.hole_pixels;
+        pixels += stats.backdrop_pixels;
     }
     let all = store.all();
     let samples: u64 = all
@@ -148,7 +149,7 @@ fn row(
     })
 }
 
-/// The same view in a smaller frame.
+/// Returns the same view in a frame [`SMALLER`] times smaller.
 fn smaller(camera: &Camera) -> Result<Camera, CameraError> {
     let [width, height] = [camera.width(), camera.height()].map(|pixels| (pixels / SMALLER).max(1));
     let focal_px = camera.focal_px() / f64::from(SMALLER);
@@ -161,7 +162,7 @@ fn smaller(camera: &Camera) -> Result<Camera, CameraError> {
     )
 }
 
-/// The same view in a frame [`SMALLER`] times larger.
+/// Returns the same view in a frame [`SMALLER`] times larger.
 fn larger(camera: &Camera) -> Result<Camera, CameraError> {
     let [width, height] = [camera.width(), camera.height()].map(|pixels| pixels * SMALLER);
     let focal_px = camera.focal_px() * f64::from(SMALLER);
@@ -174,7 +175,7 @@ fn larger(camera: &Camera) -> Result<Camera, CameraError> {
     )
 }
 
-/// A frame [`SMALLER`] times smaller whose pixels are means of the large one's.
+/// Reduces a frame by [`SMALLER`] with a box filter.
 fn averaged(large: &Frame) -> Frame {
     let side = SMALLER as usize;
     let (width, height) = (large.width as usize / side, large.height as usize / side);
@@ -194,7 +195,7 @@ fn averaged(large: &Frame) -> Frame {
     small
 }
 
-/// The same house with a colour for each material, and no light.
+/// Returns the same house with one colour per material, and without light.
 fn false_colors(house: &House) -> Result<House, HouseError> {
     let mut model = PortalModel {
         scene: (**house.scene()).clone(),
@@ -204,19 +205,17 @@ fn false_colors(house: &House) -> Result<House, HouseError> {
         let hash = random4([i, 1, 2, 3]);
         // Four levels for each channel.
         material.albedo = [0, 1, 2].map(|c| linear_from_srgb8(60 * (hash[c] >> 30) as u8 + 20));
-        (
-            material.albedo_texture,
-            material.emission,
-            material.emission_texture,
-        ) = (None, [0.0; 3], None);
+        material.albedo_texture = None;
+        material.emission = [0.0; 3];
+        material.emission_texture = None;
     }
     model.scene.colors.clear();
     House::new(model)
 }
 
-/// Pixels that count and show nothing, or a colour that no mixture of true pixels nearby can have:
-/// in a channel it lies beyond all of them. The truth may be a whole number of times larger than
-/// the frame.
+/// Counts the pixels, among those selected by `counts`, that are holes or whose colour is not a
+/// mixture of true pixels nearby: a channel lies outside their range. The truth may be an integer
+/// number of times larger than the frame.
 fn wrong_pixels(frame: &Frame, truth: &Frame, counts: impl Fn(usize) -> bool) -> u64 {
     let width = i64::from(frame.width);
     let times = (i64::from(truth.width) / width.max(1)).max(1);
@@ -234,11 +233,11 @@ fn wrong_pixels(frame: &Frame, truth: &Frame, counts: impl Fn(usize) -> bool) ->
                 });
             }
         }
-        let beyond = |c: usize| {
+        let outside = |c: usize| {
             color[c] < u8::saturating_sub(least[c], WRONG_LEVELS)
                 || color[c] > u8::saturating_add(most[c], WRONG_LEVELS)
         };
-        frame.coverage[pixel].is_hole() || (0..3).any(beyond)
+        frame.coverage[pixel].is_hole() || (0..3).any(outside)
     };
     (0..frame.color.len())
         .filter(|&pixel| counts(pixel) && is_wrong(pixel))
@@ -280,7 +279,7 @@ mod tests {
         let mut truth = Frame::default();
         truth.reset(8 * SMALLER, 4 * SMALLER, [20, 20, 20]);
         let width = truth.width as usize;
-        // A line between the points of a truth of one point a pixel, in column 4.
+        // A line in column 4, between the samples of a truth of one sample per pixel.
         truth
             .color
             .iter_mut()

@@ -5,22 +5,22 @@ use headbox_house::backdrop::{Backdrop, BackdropKind};
 use headbox_house::store::Store;
 use serde::{Deserialize, Serialize};
 
-/// The layers of all layered depth images of one kind.
+/// Distribution of samples over the layers of all LDIs of one kind.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LayerRow {
     /// Name of the kind.
     pub name: String,
     /// Number of images.
     pub images: usize,
-    /// Samples of one, mean.
+    /// Mean number of samples of an image.
     pub samples: f64,
-    /// Shares of the samples that lie in layers 1, 2, 3, and beyond.
+    /// Shares of the samples in layers 1, 2, 3, and 4 or more.
     pub shares: [f64; 4],
-    /// Samples for each pixel that has any.
+    /// Mean number of samples of the pixels that have any.
     pub depth_complexity: f64,
 }
 
-/// A row for each kind that has layers and is in the store.
+/// Counts the layers of each kind of LDI in the store.
 pub(super) fn layers(store: &Store) -> Vec<LayerRow> {
     let kinds = [
         BackdropKind::Ldi,
@@ -37,19 +37,18 @@ pub(super) fn layers(store: &Store) -> Vec<LayerRow> {
 
 fn row(store: &Store, kind: BackdropKind) -> Option<LayerRow> {
     let all = store.all();
-    let of_kind = all.iter().filter(|((_, of), _)| *of == kind);
-    let cubes: Vec<_> = of_kind
-        .filter_map(|(_, backdrop)| match &**backdrop {
-            Backdrop::Cubes(cubes) => Some(cubes),
+    let cubes: Vec<_> = all
+        .iter()
+        .filter_map(|((_, other), backdrop)| match &**backdrop {
+            Backdrop::Cubes(cubes) if *other == kind => Some(cubes),
             _ => None,
         })
         .flatten()
         .collect();
     let mut layers = [0u64; 4];
-    cubes
-        .iter()
-        .flat_map(|cube| &cube.segments)
-        .for_each(|segment| count(segment, &mut layers));
+    for segment in cubes.iter().flat_map(|cube| &cube.segments) {
+        count_layers(segment, &mut layers);
+    }
     let total: u64 = layers.iter().sum();
     (total > 0).then(|| LayerRow {
         name: kind.name().into(),
@@ -60,7 +59,7 @@ fn row(store: &Store, kind: BackdropKind) -> Option<LayerRow> {
     })
 }
 
-fn count(segment: &PackedSegment, layers: &mut [u64; 4]) {
+fn count_layers(segment: &PackedSegment, layers: &mut [u64; 4]) {
     for row in segment.row_counts.chunks(segment.width as usize + 1) {
         for ends in row.windows(2) {
             let samples = ends[1] - ends[0];

@@ -1,15 +1,15 @@
-//! The papers' measurements of a walk: time and error of every way to draw it along one path,
-//! exposure errors, clipping, layers and threads (R-N2 to R-N7, P-N1 to P-N10).
+//! The papers' measurements of a walk: time and error of every variant along one path, exposure
+//! errors, clipping, layers and threads (R-N2 to R-N7, P-N1 to P-N10).
 //!
-//! All times of a pose are taken in turns ([`crate::turns`]): the best of these is the pose's.
+//! The variants are timed in turns at each pose ([`crate::turns`]), and the fastest frame counts.
 //! Errors are against ray-traced frames of the same geometry with the same baked light.
 //!
-//! * `rays`: the rival: a frame by one ray a pixel.
-//! * `exposure`: pixels whose backdrop shows nothing or a wrong surface.
-//! * `layers`: how many samples lie in which layer.
-//! * `threads`: what threads gain, and how evenly sheets and fragments would divide the work.
+//! * `rays`: the baseline: a frame by one ray per pixel.
+//! * `exposure`: pixels whose backdrop shows a hole or a wrong surface.
+//! * `layers`: distribution of samples over layers.
+//! * `threads`: speed-up by threads, and how evenly sheets and fragments would divide the work.
 //! * `chart`: frame time along the path, as figure 6 of R.
-//! * `table`: what was found, as a page.
+//! * `table`: the results as a Markdown page.
 
 mod chart;
 mod exposure;
@@ -23,10 +23,9 @@ pub use layers::LayerRow;
 pub use threads::ThreadRow;
 
 use crate::machine::{Machine, commit};
-use crate::stats::{Spread, psnr_of_mse};
+use crate::stats::{Spread, psnr_from_mse};
 use crate::turns::in_turns;
 use headbox_core::camera::{Camera, CameraError};
-use headbox_core::frame::Frame;
 use headbox_core::progress::{Progress, Silent};
 use headbox_cube::render::RenderSettings;
 use headbox_house::backdrop::{Backdrop, BackdropError, BackdropKind, BackdropQuality};
@@ -38,7 +37,7 @@ use headbox_house::walk::Walker;
 use headbox_house::walk_path::WalkPath;
 use headbox_raster::PixelContent;
 use headbox_trace::truth;
-use image::{Rgb, RgbImage};
+use image::RgbImage;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use std::time::Instant;
@@ -50,15 +49,15 @@ pub struct MeasureSettings {
     pub path: WalkPath,
     /// Quality of backdrops.
     pub quality: BackdropQuality,
-    /// The ways to draw it, [`HouseVariant::ALL`] or fewer; geometry is always measured.
+    /// Variants to measure, [`HouseVariant::ALL`] or fewer; geometry is always measured.
     pub variants: Vec<HouseVariant>,
-    /// Frames of each pose and variant of which the fastest counts.
+    /// Frames of each pose and variant, of which the fastest counts.
     pub repeats: u32,
-    /// Errors are taken at every so manieth pose, at least 1.
+    /// Interval of poses at which errors are measured, at least 1.
     pub truth_every: usize,
-    /// Rays of a pixel of truth.
+    /// Rays per pixel of truth.
     pub truth_rays: u32,
-    /// Frames of how many poses are handed out, evenly spread over those with truth.
+    /// Number of poses whose frames are passed on, evenly distributed over those with truth.
     pub pictures: usize,
 }
 
@@ -76,98 +75,98 @@ impl Default for MeasureSettings {
     }
 }
 
-/// Why a walk could not be measured.
+/// Error of the measurement of a walk.
 #[derive(Debug, thiserror::Error)]
 pub enum MeasureError {
-    /// The path has no cameras.
+    /// A camera is invalid.
     #[error(transparent)]
     Camera(#[from] CameraError),
-    /// There is no cell to walk in.
+    /// No cell can be walked in.
     #[error("there is no room to walk in: every cell is outside or has no floor")]
     NoPath,
     /// A backdrop could not be captured.
     #[error(transparent)]
     Backdrop(#[from] BackdropError),
-    /// The house with false colours is none.
+    /// The house with false colours is invalid.
     #[error(transparent)]
     House(#[from] HouseError),
-    /// Threads could not be started.
+    /// A thread pool could not be started.
     #[error("threads could not be started: {0}")]
     Threads(#[from] rayon::ThreadPoolBuildError),
 }
 
-/// Measurements of one way to draw the walk.
+/// Measurements of one variant.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct VariantRow {
-    /// Its name.
+    /// Name of the variant.
     pub name: String,
-    /// Whole frame, ms.
+    /// Time of the whole frame, ms.
     pub frame_ms: Spread,
-    /// Whole frame of each pose, ms.
+    /// Time of the whole frame at each pose, ms.
     pub along_path_ms: Vec<f64>,
-    /// Culling and geometry, ms.
+    /// Time of culling and geometry, ms.
     pub geometry_ms: Spread,
-    /// Backdrops, ms.
+    /// Time of the backdrops, ms.
     pub backdrop_ms: Spread,
-    /// Over the poses that see a backdrop: what culled geometry takes for the same, over what the
-    /// backdrops take; the ratio of the sums.
+    /// Ratio of the time of culled geometry for the area behind portals to that of the backdrops,
+    /// both summed over the poses with a backdrop in view.
     pub behind_speedup: f64,
     /// Share of the poses at which primary rays are faster.
     pub lost_to_rays: f64,
-    /// PSNR of whole frames against truth, dB, from the median and the largest squared error.
+    /// PSNR of whole frames against truth, dB, from the median squared error of a frame.
     pub psnr_db: f64,
-    /// See [`Self::psnr_db`].
+    /// PSNR of whole frames against truth, dB, from the largest squared error of a frame.
     pub least_psnr_db: f64,
-    /// The same of the pixels behind portals alone, from the mean squared error.
+    /// PSNR of the pixels behind portals, dB, from their mean squared error.
     pub behind_psnr_db: f64,
     /// Share of the frame that shows backdrops.
     pub backdrop_share: f64,
-    /// Share of that of which nothing is known.
+    /// Share of the backdrops' pixels that are holes.
     pub hole_share: f64,
-    /// Portals that show a backdrop, mean over poses.
+    /// Mean number of portals that show a backdrop.
     pub portals: f64,
     /// Share of the backdrops' samples that clipping removes.
     pub clipped_share: f64,
-    /// Seconds for one side of one portal.
+    /// Time to capture one side of one portal, seconds.
     pub capture_s: Spread,
     /// Number of captures.
     pub captures: usize,
-    /// Samples of one, mean.
+    /// Mean number of samples of a backdrop.
     pub samples: f64,
-    /// Bytes of one, mean.
+    /// Mean size of a backdrop, bytes.
     pub bytes: f64,
 }
 
-/// All that was found.
+/// Results of a walk.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct WalkReport {
     /// Machine of the measurement.
     pub machine: Machine,
-    /// By which program, as in [`commit`].
+    /// Commit of the program, see [`commit`].
     pub commit: String,
     /// Name of the scene.
     pub scene: String,
-    /// Cells of the model.
+    /// Number of cells of the model.
     pub cells: usize,
-    /// Portals of the model.
+    /// Number of portals of the model.
     pub portals: usize,
-    /// Triangles of the scene.
+    /// Number of triangles of the scene.
     pub triangles: usize,
     /// Frame size, px.
     pub size: [u32; 2],
-    /// Poses of the walk.
+    /// Number of poses of the walk.
     pub poses: usize,
     /// Number of poses compared with truth.
     pub truth_poses: usize,
-    /// Threads.
+    /// Number of threads.
     pub threads: usize,
-    /// A frame by one ray a pixel, ms.
+    /// Time of a frame by one ray per pixel, ms.
     pub primary_rays_ms: Spread,
-    /// The same of each pose.
+    /// Time of a frame by one ray per pixel at each pose, ms.
     pub primary_rays_along_path_ms: Vec<f64>,
-    /// Times and errors.
+    /// Times and errors of each variant.
     pub rows: Vec<VariantRow>,
-    /// Exposure errors.
+    /// Exposure errors of each kind of backdrop.
     pub exposure: Vec<ExposureRow>,
     /// Samples by layer.
     pub layers: Vec<LayerRow>,
@@ -183,8 +182,8 @@ pub struct PosePictures {
     pub frames: Vec<(&'static str, RgbImage)>,
 }
 
-/// One variant on its way.
-struct Course {
+/// Measurement of one variant in progress.
+struct VariantRun {
     variant: HouseVariant,
     settings: WalkSettings,
     walker: Walker,
@@ -198,7 +197,7 @@ struct Course {
 }
 
 /// Measures a walk. `store` must have room for the backdrops that one pose needs in all variants,
-/// and may hold some already. Frames of some poses are handed to `pictures`.
+/// and may contain some already. Frames of some poses are passed to `pictures`.
 ///
 /// # Errors
 /// See [`MeasureError`].
@@ -216,23 +215,22 @@ pub fn measure(
     let every = settings.truth_every.max(1);
     let truth_poses = cameras.len().div_ceil(every);
     let picture_every = every * truth_poses.div_ceil(settings.pictures.max(1));
-    let mut courses = courses(&settings.variants);
+    let mut runs = variant_runs(&settings.variants);
     let mut rays_ms = Vec::new();
-    // First, so that no frame is timed in the wake of a capture, with other things in the caches
-    // and warm processors.
+    // Captures come first: right after one, caches are cold for rendering and processors hot.
     progress.begin("captures", "poses", cameras.len() as u64);
     for camera in &cameras {
-        for course in &mut courses {
-            course.capture(house, store, camera, &settings.quality)?;
+        for run in &mut runs {
+            run.capture(house, store, camera, &settings.quality)?;
         }
         progress.advance(1);
     }
     progress.begin("walk", "poses", cameras.len() as u64);
     for (pose, camera) in cameras.iter().enumerate() {
         rays_ms.push(rays::frame_ms(house, camera, settings.repeats));
-        time_pose(&mut courses, house, store, camera, settings.repeats);
+        time_pose(&mut runs, house, store, camera, settings.repeats);
         if pose % every == 0 {
-            let frames = errors_of_pose(&mut courses, house, store, camera, settings.truth_rays);
+            let frames = measure_errors(&mut runs, house, store, camera, settings.truth_rays);
             if pose % picture_every == 0 && settings.pictures > 0 {
                 pictures(PosePictures { pose, frames });
             }
@@ -251,21 +249,21 @@ pub fn measure(
         poses: cameras.len(),
         truth_poses,
         threads: rayon::current_num_threads(),
-        primary_rays_ms: Spread::of(&rays_ms).unwrap_or_default(),
-        primary_rays_along_path_ms: rays_ms.clone(),
-        rows: rows(&courses, store, &rays_ms),
+        primary_rays_ms: Spread::from_values(&rays_ms).unwrap_or_default(),
+        rows: rows(&runs, store, &rays_ms),
+        primary_rays_along_path_ms: rays_ms,
         layers: layers::layers(store),
         parallel: threads::gains(house, store, &sparse, &settings.variants)?,
         exposure: exposure::errors(house, &sparse, settings, progress)?,
     })
 }
 
-/// Geometry, then the other variants, each with its own memory of the frame before.
-fn courses(variants: &[HouseVariant]) -> Vec<Course> {
+/// Starts a run of geometry, then of the other variants, each with a walker of its own.
+fn variant_runs(variants: &[HouseVariant]) -> Vec<VariantRun> {
     let others = variants.iter().filter(|variant| variant.kind.is_some());
     std::iter::once(&HouseVariant::ALL[0])
         .chain(others)
-        .map(|&variant| Course {
+        .map(|&variant| VariantRun {
             variant,
             settings: variant.settings(),
             walker: Walker::new(),
@@ -280,8 +278,8 @@ fn courses(variants: &[HouseVariant]) -> Vec<Course> {
         .collect()
 }
 
-impl Course {
-    /// Captures what a frame lacks, until it lacks nothing.
+impl VariantRun {
+    /// Captures the backdrops that a frame needs and the store lacks.
     fn capture(
         &mut self,
         house: &House,
@@ -307,29 +305,23 @@ impl Course {
     }
 }
 
-/// The fastest of some frames of every variant.
-fn time_pose(courses: &mut [Course], house: &House, store: &Store, camera: &Camera, repeats: u32) {
-    let times = in_turns(courses, repeats.max(1), |_, course| {
-        Some(
-            course
-                .walker
-                .frame(house, store, camera, &course.settings)
-                .1
-                .clone(),
-        )
+/// Times `repeats` frames of every variant and records the fastest.
+fn time_pose(runs: &mut [VariantRun], house: &House, store: &Store, camera: &Camera, repeats: u32) {
+    let stats = in_turns(runs, repeats.max(1), |_, run| {
+        let (_, stats) = run.walker.frame(house, store, camera, &run.settings);
+        Some(stats.clone())
     });
-    for (course, times) in courses.iter_mut().zip(times) {
-        course.stats.extend(
-            times
-                .into_iter()
-                .min_by(|a, b| a.frame_ms.total_cmp(&b.frame_ms)),
-        );
+    for (run, stats) in runs.iter_mut().zip(stats) {
+        let fastest = stats
+            .into_iter()
+            .min_by(|a, b| a.frame_ms.total_cmp(&b.frame_ms));
+        run.stats.extend(fastest);
     }
 }
 
-/// Errors of every variant at a pose; returns truth and the frames.
-fn errors_of_pose(
-    courses: &mut [Course],
+/// Measures the errors of every variant at a pose; returns truth and the frames.
+fn measure_errors(
+    runs: &mut [VariantRun],
     house: &House,
     store: &Store,
     camera: &Camera,
@@ -344,27 +336,27 @@ fn errors_of_pose(
         &Silent,
     )
     .rgb();
-    // Which pixels are behind portals is the same for all variants with backdrops; geometry is
-    // judged by these too.
+    // The pixels behind portals are the same for all variants with backdrops; geometry is compared
+    // there too.
     let mut behind: Vec<bool> = Vec::new();
     let mut frames = vec![("truth", truth.clone())];
-    for course in courses.iter_mut().rev() {
-        // The same frame in one band: what clipping lets through is then counted once.
+    for run in runs.iter_mut().rev() {
+        // In one band: a sample that survives clipping is then counted once.
         let warp = RenderSettings {
             band_rows: camera.height(),
-            ..course.settings.warp
+            ..run.settings.warp
         };
         let settings = WalkSettings {
             warp,
-            ..course.settings
+            ..run.settings
         };
-        let (frame, stats) = course.walker.frame(house, store, camera, &settings);
+        let (frame, stats) = run.walker.frame(house, store, camera, &settings);
         let frame = frame.clone();
-        course.samples += stats.backdrop.samples;
-        course.samples_in += stats.backdrop.depth_pixels_in;
+        run.samples += stats.backdrop.samples;
+        run.samples_in += stats.backdrop.depth_pixels_in;
         if behind.is_empty() {
-            let seen = |i| matches!(course.walker.last().seen(i), PixelContent::Marker(_));
-            behind = (0..frame.color.len()).map(seen).collect();
+            let is_behind = |i| matches!(run.walker.last().seen(i), PixelContent::Marker(_));
+            behind = (0..frame.color.len()).map(is_behind).collect();
         }
         let mut sums = [0.0; 2];
         for ((found, expected), &behind) in frame.color.iter().zip(truth.pixels()).zip(&behind) {
@@ -373,52 +365,42 @@ fn errors_of_pose(
                 .sum::<f64>();
             sums[usize::from(behind)] += squares / 3.0;
         }
-        course
-            .squared_error
+        run.squared_error
             .push((sums[0] + sums[1]) / frame.color.len().max(1) as f64);
-        course.behind_error += sums[1];
-        course.behind_pixels += behind.iter().filter(|behind| **behind).count() as u64;
-        frames.insert(1, (course.variant.name, image_of(&frame)));
+        run.behind_error += sums[1];
+        run.behind_pixels += behind.iter().filter(|behind| **behind).count() as u64;
+        frames.insert(1, (run.variant.name, frame.to_rgb().unwrap_or_default()));
     }
     frames
 }
 
-fn image_of(frame: &Frame) -> RgbImage {
-    RgbImage::from_fn(frame.width, frame.height, |x, y| {
-        let [r, g, b, _] = frame.color[(y * frame.width + x) as usize];
-        Rgb([r, g, b])
-    })
-}
-
-/// dB of a mean squared error in levels.
+/// Returns the PSNR of a mean squared error in sRGB levels, dB.
 fn psnr_db(squared_error: f64) -> f64 {
-    psnr_of_mse(squared_error / (255.0 * 255.0))
+    psnr_from_mse(squared_error / (255.0 * 255.0))
 }
 
+/// Returns `part / whole`, 0 of an empty whole.
 fn share(part: f64, whole: f64) -> f64 {
     if whole > 0.0 { part / whole } else { 0.0 }
 }
 
-fn rows(courses: &[Course], store: &Store, rays_ms: &[f64]) -> Vec<VariantRow> {
-    let geometry_ms: Vec<f64> = courses
-        .iter()
-        .take(1)
-        .flat_map(|c| c.stats.iter().map(|s| s.frame_ms))
-        .collect();
-    courses
-        .iter()
-        .map(|course| course.row(store, rays_ms, &geometry_ms))
+fn rows(runs: &[VariantRun], store: &Store, rays_ms: &[f64]) -> Vec<VariantRow> {
+    // The first run is geometry.
+    let geometry_ms: Vec<f64> = runs[0].stats.iter().map(|s| s.frame_ms).collect();
+    runs.iter()
+        .map(|run| run.row(store, rays_ms, &geometry_ms))
         .collect()
 }
 
-impl Course {
+impl VariantRun {
     fn row(&self, store: &Store, rays_ms: &[f64], geometry_ms: &[f64]) -> VariantRow {
-        let of = |number: &dyn Fn(&WalkStats) -> f64| {
+        let values = |number: &dyn Fn(&WalkStats) -> f64| {
             self.stats.iter().map(number).collect::<Vec<f64>>()
         };
-        let spread =
-            |number: &dyn Fn(&WalkStats) -> f64| Spread::of(&of(number)).unwrap_or_default();
-        let sum = |number: &dyn Fn(&WalkStats) -> f64| of(number).iter().sum::<f64>();
+        let spread = |number: &dyn Fn(&WalkStats) -> f64| {
+            Spread::from_values(&values(number)).unwrap_or_default()
+        };
+        let sum = |number: &dyn Fn(&WalkStats) -> f64| values(number).iter().sum::<f64>();
         let lost = self
             .stats
             .iter()
@@ -440,7 +422,7 @@ impl Course {
             .into_iter()
             .filter(|((_, kind), _)| Some(*kind) == self.variant.kind)
             .collect();
-        let of_captures = |number: &dyn Fn(&Backdrop) -> u64| {
+        let capture_mean = |number: &dyn Fn(&Backdrop) -> u64| {
             captured
                 .iter()
                 .map(|(_, backdrop)| number(backdrop) as f64)
@@ -448,11 +430,11 @@ impl Course {
                 / captured.len().max(1) as f64
         };
         let pixels = sum(&|s| s.backdrop_pixels as f64);
-        let squared_error = Spread::of(&self.squared_error).unwrap_or_default();
+        let squared_error = Spread::from_values(&self.squared_error).unwrap_or_default();
         VariantRow {
             name: self.variant.name.into(),
             frame_ms: spread(&|s| s.frame_ms),
-            along_path_ms: of(&|s| s.frame_ms),
+            along_path_ms: values(&|s| s.frame_ms),
             geometry_ms: spread(&|s| s.geometry_ms),
             backdrop_ms: spread(&|s| s.backdrop_ms),
             behind_speedup: share(behind_ms, backdrops_ms),
@@ -467,15 +449,15 @@ impl Course {
                 0 => 0.0,
                 entered => 1.0 - share(entered as f64, self.samples as f64),
             },
-            capture_s: Spread::of(&self.capture_s).unwrap_or_default(),
+            capture_s: Spread::from_values(&self.capture_s).unwrap_or_default(),
             captures: self.capture_s.len(),
-            samples: of_captures(&Backdrop::sample_count),
-            bytes: of_captures(&Backdrop::bytes),
+            samples: capture_mean(&Backdrop::sample_count),
+            bytes: capture_mean(&Backdrop::bytes),
         }
     }
 }
 
-/// The kinds that are layered depth images or made of depth images.
+/// Returns true for LDIs and for backdrops made of depth images.
 fn has_depth(kind: BackdropKind) -> bool {
     !matches!(kind, BackdropKind::Texture | BackdropKind::Textures)
 }

@@ -9,7 +9,7 @@ use headbox_house::house::House;
 use headbox_trace::bvh::{Hit, HitPacket, PACKET, Ray, RayPacket};
 use rayon::prelude::*;
 
-/// Pixels a side of a packet.
+/// Edge of the block of pixels of a ray packet.
 const SIDE: u32 = 4;
 
 /// Returns the time of the fastest of some frames, ms, on the current rayon thread pool.
@@ -24,7 +24,7 @@ pub(super) fn frame_ms(house: &House, camera: &Camera, repeats: u32) -> f64 {
     least(&times).unwrap_or(f64::INFINITY)
 }
 
-/// Colours of four rows of pixels, block by block.
+/// Renders one row of blocks of 4x4 pixels; returns sRGB colours, block by block.
 fn block_row(house: &House, camera: &Camera, row: u32) -> Vec<[u8; 4]> {
     let origin = (camera.eye() - house.tracer().origin()).as_vec3();
     let corner = camera.direction(0.5, 0.5);

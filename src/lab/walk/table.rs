@@ -1,12 +1,12 @@
 //! Results of a walk as a Markdown page.
 
-use super::{VariantRow, WalkReport};
+use super::WalkReport;
 use crate::stats::Spread;
 use crate::table::{Table, percent};
 use std::fmt::Write;
 
 impl WalkReport {
-    /// Tables of times and errors, exposure errors, layers and threads.
+    /// Formats tables of times and errors, exposure errors, layers and threads.
     pub fn to_markdown(&self) -> String {
         let mut page = String::new();
         // Writing to a string cannot fail.
@@ -14,7 +14,7 @@ impl WalkReport {
         page
     }
 
-    /// Returns the short chapter of the results page: a chart, a table and three sentences.
+    /// Formats the chapter of the results page: a chart, a table and three sentences.
     pub fn to_chapter(&self) -> String {
         let [width, height] = self.size;
         let mut table = Table::new([
@@ -29,6 +29,7 @@ impl WalkReport {
             "holes there",
             "KiB",
         ]);
+        let only_if = |shown: bool, text: String| if shown { text } else { String::new() };
         for row in &self.rows {
             let has_backdrops = row.portals > 0.0;
             table.row([
@@ -36,24 +37,12 @@ impl WalkReport {
                 format!("{:.2}", row.frame_ms.median),
                 format!("{:.2}", row.frame_ms.p95),
                 format!("{:.2}", row.frame_ms.worst),
-                if has_backdrops {
-                    format!("{:.1}x", row.behind_speedup)
-                } else {
-                    String::new()
-                },
+                only_if(has_backdrops, format!("{:.1}x", row.behind_speedup)),
                 format!("{:.2}", row.psnr_db),
                 format!("{:.2}", row.least_psnr_db),
                 format!("{:.2}", row.behind_psnr_db),
-                if has_backdrops {
-                    percent(row.hole_share)
-                } else {
-                    String::new()
-                },
-                if row.captures > 0 {
-                    format!("{:.0}", row.bytes / 1024.0)
-                } else {
-                    String::new()
-                },
+                only_if(has_backdrops, percent(row.hole_share)),
+                only_if(row.captures > 0, format!("{:.0}", row.bytes / 1024.0)),
             ]);
         }
         let mut chapter = format!(
@@ -133,33 +122,22 @@ impl WalkReport {
             "clipped",
         ]);
         for row in &self.rows {
-            let (behind, clipped) = match row.portals > 0.0 {
-                true => (
+            let (behind, clipped) = if row.portals > 0.0 {
+                (
                     format!("{:.1}x", row.behind_speedup),
                     percent(row.clipped_share),
-                ),
-                false => Default::default(),
+                )
+            } else {
+                Default::default()
             };
-            let VariantRow {
-                name,
-                frame_ms,
-                geometry_ms,
-                backdrop_ms,
-                lost_to_rays,
-                portals,
-                ..
-            } = row;
-            let [frame, geometry, backdrops] =
-                [frame_ms, geometry_ms, backdrop_ms].map(|ms| spread(*ms));
-            let (lost, portals) = (percent(*lost_to_rays), format!("{portals:.2}"));
             table.row([
-                name.as_str(),
-                &frame,
-                &geometry,
-                &backdrops,
+                row.name.as_str(),
+                &spread(row.frame_ms),
+                &spread(row.geometry_ms),
+                &spread(row.backdrop_ms),
                 &behind,
-                &lost,
-                &portals,
+                &percent(row.lost_to_rays),
+                &format!("{:.2}", row.portals),
                 &clipped,
             ]);
         }
@@ -203,16 +181,12 @@ impl WalkReport {
         writeln!(page, "## Captures\n\nOne side of one portal.\n")?;
         let mut table = Table::new(["backdrop", "captured", "seconds", "samples", "KiB"]);
         for row in self.rows.iter().filter(|row| row.captures > 0) {
-            let (samples, kib) = (
-                format!("{:.0}", row.samples),
-                format!("{:.0}", row.bytes / 1024.0),
-            );
             table.row([
                 row.name.as_str(),
                 &row.captures.to_string(),
                 &spread(row.capture_s),
-                &samples,
-                &kib,
+                &format!("{:.0}", row.samples),
+                &format!("{:.0}", row.bytes / 1024.0),
             ]);
         }
         writeln!(page, "{table}")
@@ -277,10 +251,8 @@ impl WalkReport {
         ]);
         for row in &self.layers {
             let [a, b, c, d] = row.shares.map(percent);
-            let (samples, complexity) = (
-                format!("{:.0}", row.samples),
-                format!("{:.2}", row.depth_complexity),
-            );
+            let samples = format!("{:.0}", row.samples);
+            let complexity = format!("{:.2}", row.depth_complexity);
             table.row([row.name.as_str(), &samples, &a, &b, &c, &d, &complexity]);
         }
         writeln!(page, "{table}")
@@ -306,6 +278,9 @@ impl WalkReport {
     }
 }
 
-fn spread(of: Spread) -> String {
-    format!("{:.2} ({:.2}, {:.2})", of.median, of.p95, of.worst)
+fn spread(values: Spread) -> String {
+    format!(
+        "{:.2} ({:.2}, {:.2})",
+        values.median, values.p95, values.worst
+    )
 }

@@ -1,13 +1,13 @@
-//! Speed-up by threads over one thread that draws in bands: measured for each [`Division`]; for the
-//! sheets of R6 and the fragments of R14 and P5 derived from how evenly they divide the samples
-//! among more processors (imbalance is the only loss there).
+//! Speed-up by threads over one thread that draws in bands. It is measured for each [`Division`];
+//! for the sheets of R6 and the fragments of R14 and P5 it is derived from the balance of samples
+//! among processors (imbalance is the only loss there).
 
 use super::{MeasureError, share};
 use crate::baselines::fragments::FragmentRenderer;
 use crate::turns::{in_turns, time_ms};
 use glam::DVec3;
 use headbox_core::camera::Camera;
-use headbox_cube::pack::{CubeLdi, PackedSegment};
+use headbox_cube::pack::CubeLdi;
 use headbox_house::backdrop::{Backdrop, BackdropKind};
 use headbox_house::house::House;
 use headbox_house::settings::{Division, WalkSettings};
@@ -21,14 +21,14 @@ use serde::{Deserialize, Serialize};
 use std::ops::Range;
 use std::sync::Arc;
 
-/// Poses at most: a gain is a ratio of sums, which a few poses tell.
+/// Maximum number of poses: few suffice for a ratio of sums.
 const POSES: usize = 24;
 
 /// Frames of each pose, of which the fastest counts.
 const REPEATS: u32 = 3;
 
-/// Measured divisions of the walker, or `None` for fragments, with the names of the speed-up behind
-/// portals and of that of the whole frame.
+/// Measured divisions of the walker (`None` for fragments), with the names of the speed-up behind
+/// portals and of the whole frame.
 const DIVISIONS: [(Option<Division>, &str, Option<&str>); 3] = [
     (
         Some(Division::Portals),
@@ -43,21 +43,21 @@ const DIVISIONS: [(Option<Division>, &str, Option<&str>); 3] = [
     ),
 ];
 
-/// A way to divide the work.
+/// Speed-up of one division of the work among processors.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ThreadRow {
-    /// Division of the work.
+    /// Name of the division.
     pub division: String,
-    /// True if the speed-up was measured; false if it follows from the samples of each processor.
+    /// True if the speed-up was measured, false if derived from the samples of each processor.
     pub by_the_clock: bool,
-    /// Processors.
+    /// Number of processors.
     pub processors: usize,
-    /// Times faster than one.
+    /// Speed relative to one processor.
     pub speedup: f64,
 }
 
-/// Gains for one kind of layered depth image among the variants, [`BackdropKind::WindowLdi`] if it
-/// is one of them; none without.
+/// Measures the speed-ups for one kind of LDI among the variants, preferably
+/// [`BackdropKind::WindowLdi`]; empty without an LDI.
 pub(super) fn gains(
     house: &House,
     store: &Store,
@@ -84,27 +84,26 @@ pub(super) fn gains(
         .copied()
         .collect();
     let threads = rayon::current_num_threads();
-    let [alone, together] = [pool(1)?, pool(threads)?];
-    let way = |pool, division| Way {
+    let [one_thread, all_threads] = [pool(1)?, pool(threads)?];
+    let renderer = |pool, division| DividedRenderer {
         pool,
         division,
         fragments: Vec::new(),
     };
-    let mut ways = vec![way(&alone, Some(Division::Bands))];
-    ways.extend(DIVISIONS.map(|(division, ..)| way(&together, division)));
-    let times = times(house, store, &cameras, &settings, &mut ways);
-    let clock = |division: &str, speedup| ThreadRow {
+    let mut renderers = vec![renderer(&one_thread, Some(Division::Bands))];
+    renderers.extend(DIVISIONS.map(|(division, ..)| renderer(&all_threads, division)));
+    let times = times(house, store, &cameras, &settings, &mut renderers);
+    let measured = |division: &str, speedup| ThreadRow {
         division: division.into(),
         by_the_clock: true,
         processors: threads,
         speedup,
     };
     let mut rows = Vec::new();
-    if let [one, divided @ ..] = times.as_slice() {
-        for (&(_, name, of_frame), all) in DIVISIONS.iter().zip(divided) {
-            rows.push(clock(name, share(one[0], all[0])));
-            rows.extend(of_frame.map(|name| clock(name, share(one[1], all[1]))));
-        }
+    let one = times[0];
+    for (&(_, name, frame_name), all) in DIVISIONS.iter().zip(&times[1..]) {
+        rows.push(measured(name, share(one[0], all[0])));
+        rows.extend(frame_name.map(|name| measured(name, share(one[1], all[1]))));
     }
     for processors in [2, 4] {
         let mut sheets = Balance::default();
@@ -123,12 +122,11 @@ pub(super) fn gains(
             ("sheets about the epipole", sheets),
             ("fragments", fragments),
         ] {
-            let speedup = share(balance.all as f64, balance.slowest as f64);
             rows.push(ThreadRow {
                 division: division.into(),
                 by_the_clock: false,
                 processors,
-                speedup,
+                speedup: share(balance.all as f64, balance.slowest as f64),
             });
         }
     }
@@ -139,21 +137,23 @@ fn pool(threads: usize) -> Result<ThreadPool, rayon::ThreadPoolBuildError> {
     rayon::ThreadPoolBuilder::new().num_threads(threads).build()
 }
 
-/// A way to draw backdrops.
-struct Way<'a> {
+/// A thread pool and a division of the work to time.
+struct DividedRenderer<'a> {
     pool: &'a ThreadPool,
     /// `None` for fragments, which are drawn without the walker and not copied into the frame.
     division: Option<Division>,
-    /// One for each backdrop.
+    /// One renderer for each backdrop.
     fragments: Vec<FragmentRenderer>,
 }
 
-impl Way<'_> {
-    /// Draws a frame of `settings`; returns the times of the backdrops and of the frame, ms.
-    /// `views`: the backdrops of the frame.
+impl DividedRenderer<'_> {
+    /// Draws a frame; returns the times of the backdrops and of the frame, ms. `views`: the
+    /// backdrops of the frame.
     fn draw(
         &mut self,
-        (house, store, camera): (&House, &Store, &Camera),
+        house: &House,
+        store: &Store,
+        camera: &Camera,
         settings: &WalkSettings,
         walker: &mut Walker,
         views: &[(Arc<Backdrop>, Camera)],
@@ -200,7 +200,7 @@ fn views(
     let width = camera.width();
     let backdrops = (0..).zip(Walker::shown(house, store, camera, settings));
     let visible = backdrops.filter_map(|(number, backdrop)| {
-        // Empty, and extended by each pixel.
+        // Empty at first.
         let mut columns = Range {
             start: u32::MAX,
             end: 0,
@@ -218,22 +218,22 @@ fn views(
     visible.collect()
 }
 
-/// Times of the backdrops and of the whole frames of all poses in each of several ways, ms: the
-/// least of a pose's in turns, summed.
+/// Times the backdrops and the whole frames of each renderer in turns, ms: the least of each pose,
+/// summed over poses.
 fn times(
     house: &House,
     store: &Store,
     cameras: &[Camera],
     settings: &WalkSettings,
-    ways: &mut [Way],
+    renderers: &mut [DividedRenderer],
 ) -> Vec<[f64; 2]> {
     let mut walker = Walker::new();
-    let mut sums = vec![[0.0; 2]; ways.len()];
+    let mut sums = vec![[0.0; 2]; renderers.len()];
     for camera in cameras {
         walker.frame(house, store, camera, settings);
         let views = views(house, store, camera, settings, &walker);
-        let times = in_turns(ways, REPEATS, |_, way| {
-            Some(way.draw((house, store, camera), settings, &mut walker, &views))
+        let times = in_turns(renderers, REPEATS, |_, renderer| {
+            Some(renderer.draw(house, store, camera, settings, &mut walker, &views))
         });
         for (sum, times) in sums.iter_mut().zip(times) {
             for (i, sum) in sum.iter_mut().enumerate() {
@@ -247,8 +247,8 @@ fn times(
     sums
 }
 
-/// Samples in all, and those that the slowest processor gets, summed over segments: these come one
-/// after the other.
+/// Total number of samples, and number of samples of the busiest processor, both summed over
+/// segments, which are drawn one after the other.
 #[derive(Default)]
 struct Balance {
     all: u64,
@@ -256,7 +256,7 @@ struct Balance {
 }
 
 impl Balance {
-    /// Adds a segment whose parts go, the largest first, to the processor that has least.
+    /// Adds a segment whose parts are assigned, the largest first, to the least loaded processor.
     fn add(&mut self, mut parts: Vec<u64>, processors: usize) {
         parts.sort_unstable_by(|a, b| b.cmp(a));
         let mut loads = vec![0; processors.max(1)];
@@ -270,8 +270,8 @@ impl Balance {
     }
 }
 
-/// Divides each segment of a cube at its epipole into sheets, and each of these into as many
-/// fragments of equal area as there are processors, along lines through the epipole.
+/// Divides each segment of a cube at its epipole into sheets, and each sheet into one fragment of
+/// equal area per processor, along lines through the epipole.
 fn divide(
     cube: &CubeLdi,
     eye: DVec3,
@@ -283,7 +283,7 @@ fn divide(
         let face = segment.face;
         let from_centre = eye - cube.info.centre;
         let depth = face.normal().dot(from_centre);
-        // At infinity or as good as that: so far that lines through it are parallel.
+        // An epipole at infinity is moved so far away that lines through it are nearly parallel.
         let depth = if depth.abs() > 1e-9 { depth } else { 1e-9 };
         let half = f64::from(cube.face_size_px) / 2.0;
         let epipole = [
@@ -292,14 +292,16 @@ fn divide(
         ];
         // Angle about the epipole and samples of each pixel, by sheet.
         let mut pixels: [Vec<(f64, u64)>; 4] = Default::default();
-        for_each_pixel(segment, |x, y, samples| {
-            let (dx, dy) = (
-                f64::from(x) + 0.5 - epipole[0],
-                f64::from(y) + 0.5 - epipole[1],
-            );
-            let sheet = usize::from(dx >= 0.0) + 2 * usize::from(dy >= 0.0);
-            pixels[sheet].push((dy.abs().atan2(dx.abs()), samples));
-        });
+        let counts = segment.row_counts.chunks(segment.width as usize + 1);
+        for (y, row) in (segment.y0..).zip(counts) {
+            let dy = f64::from(y) + 0.5 - epipole[1];
+            for (x, ends) in (segment.x0..).zip(row.windows(2)) {
+                let dx = f64::from(x) + 0.5 - epipole[0];
+                let sheet = usize::from(dx >= 0.0) + 2 * usize::from(dy >= 0.0);
+                let angle = dy.abs().atan2(dx.abs());
+                pixels[sheet].push((angle, u64::from(ends[1] - ends[0])));
+            }
+        }
         let sum = |pixels: &[(f64, u64)]| pixels.iter().map(|pixel| pixel.1).sum::<u64>();
         sheets.add(
             pixels.iter().map(|pixels| sum(pixels)).collect(),
@@ -315,14 +317,6 @@ fn divide(
             );
         }
         fragments.add(parts, processors);
-    }
-}
-
-fn for_each_pixel(segment: &PackedSegment, mut visit: impl FnMut(u32, u32, u64)) {
-    for (y, row) in (segment.y0..).zip(segment.row_counts.chunks(segment.width as usize + 1)) {
-        for (x, ends) in (segment.x0..).zip(row.windows(2)) {
-            visit(x, y, u64::from(ends[1] - ends[0]));
-        }
     }
 }
 

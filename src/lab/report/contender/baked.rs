@@ -1,9 +1,8 @@
-//! Baked light: geometry and textures as they are, light looked up in a light map of small cells on
-//! the triangles. What a renderer without any representation but the scene's own can do for a
-//! static scene, with one ray per pixel ([`BakedRays`]) or with a rasteriser
-//! ([`super::RasterDraw`]).
+//! Baked light: original geometry and textures with a light map of small cells on the triangles.
+//! It is the baseline without an image-based representation, for static scenes, with one ray per
+//! pixel ([`BakedRays`]) or with a rasteriser ([`super::RasterDraw`]).
 
-use super::{Draw, JudgedFrame, PixelOrigin};
+use super::{ContenderFrame, Draw, PixelOrigin};
 use glam::Vec3;
 use headbox_core::camera::Camera;
 use headbox_trace::bvh::{Hit, HitPacket, PACKET, Ray, RayPacket, Tracer};
@@ -14,24 +13,24 @@ use rayon::prelude::*;
 use std::collections::HashMap;
 use std::sync::Arc;
 
-/// A cell of the light map: triangle, place on a grid over it (with its side in the lowest bit),
-/// fineness of the grid.
-type Cell = (u32, u32, u32);
+/// LightCell of the light map: triangle; place on a grid over the triangle, with the side of the
+/// triangle in the lowest bit; base-2 logarithm of the grid's size.
+type LightCell = (u32, u32, u32);
 
-/// The light map.
+/// Light map of a scene, filled on demand.
 pub struct BakedLight {
     tracer: Arc<Tracer>,
     lighting: Lighting,
     /// Irradiance / pi by cell.
-    light: HashMap<Cell, Vec3>,
+    light: HashMap<LightCell, Vec3>,
     light_samples: u32,
     /// Edge of a cell over its distance from the centre of the headbox.
     cell_angle: f32,
 }
 
 impl BakedLight {
-    /// No light yet; cells will be about as large as a face pixel of a cube LDI of `face_size_px`,
-    /// with `light_samples` each.
+    /// Creates an empty light map. Cells are about as large as a face pixel of a cube LDI of
+    /// `face_size_px` and get `light_samples` each.
     pub fn new(
         tracer: Arc<Tracer>,
         lighting: Lighting,
@@ -48,7 +47,7 @@ impl BakedLight {
         }
     }
 
-    /// Bakes where a camera looks.
+    /// Bakes the cells that a camera sees.
     pub fn bake_view(&mut self, camera: &Camera) {
         let mut hits = Vec::new();
         for y in 0..camera.height() {
@@ -59,32 +58,32 @@ impl BakedLight {
         self.bake(hits);
     }
 
-    /// Bakes the cells of some hits that are still dark.
+    /// Bakes the cells of `hits` that have no light yet.
     pub fn bake(&mut self, hits: impl IntoIterator<Item = (Ray, Hit)>) {
         let with_cell = |(ray, hit): (Ray, Hit)| (self.cell(&ray, &hit), ray, hit);
-        let mut found: Vec<(Cell, Ray, Hit)> = hits.into_iter().map(with_cell).collect();
-        // The first hit in a cell, in the order of pixels, is where its light is measured.
-        found.sort_by_key(|(cell, ..)| *cell);
-        found.dedup_by_key(|(cell, ..)| *cell);
-        found.retain(|(cell, ..)| !self.light.contains_key(cell));
-        let lit: Vec<(Cell, Vec3)> = found
+        let mut unlit: Vec<(LightCell, Ray, Hit)> = hits.into_iter().map(with_cell).collect();
+        // The light of a cell is measured at its first hit in pixel order.
+        unlit.sort_by_key(|(cell, ..)| *cell);
+        unlit.dedup_by_key(|(cell, ..)| *cell);
+        unlit.retain(|(cell, ..)| !self.light.contains_key(cell));
+        let lit: Vec<(LightCell, Vec3)> = unlit
             .par_iter()
             .map(|(cell, ray, hit)| (*cell, self.radiosity(*cell, ray, hit)))
             .collect();
         self.light.extend(lit);
     }
 
-    /// Bytes of the light map; the scene's own come on top.
+    /// Returns the size of the light map without the scene, bytes.
     pub fn bytes(&self) -> u64 {
-        (self.light.len() * size_of::<(Cell, Vec3)>()) as u64
+        (self.light.len() * size_of::<(LightCell, Vec3)>()) as u64
     }
 
-    /// The scene that is lit.
+    /// Returns the tracer of the lit scene.
     pub(super) fn tracer(&self) -> &Tracer {
         &self.tracer
     }
 
-    /// The ray through a pixel's centre, in the tracer's frame; its direction has eye depth 1.
+    /// Returns the ray through a pixel's centre in the tracer's frame; its direction has eye depth 1.
     pub(super) fn pixel_ray(&self, camera: &Camera, x: u32, y: u32) -> Ray {
         let origin = (camera.eye() - self.tracer.origin()).as_vec3();
         let direction = camera
@@ -98,11 +97,11 @@ impl BakedLight {
         }
     }
 
-    fn cell(&self, ray: &Ray, hit: &Hit) -> Cell {
+    fn cell(&self, ray: &Ray, hit: &Hit) -> LightCell {
         let [a, b, c] = self.tracer.triangle(hit.primitive);
         let edge = (b - a).length().max((c - a).length());
         let distance = (ray.origin + ray.direction * hit.t).length();
-        // A power of two, so that neighbouring hits agree on the grid.
+        // A power of two, so that neighbouring hits use the same grid.
         let cells =
             (edge / (self.cell_angle * distance).max(f32::MIN_POSITIVE)).clamp(1.0, 16_384.0);
         let side = (cells.log2().round() as u32).min(14);
@@ -116,7 +115,7 @@ impl BakedLight {
         )
     }
 
-    fn radiosity(&self, cell: Cell, ray: &Ray, hit: &Hit) -> Vec3 {
+    fn radiosity(&self, cell: LightCell, ray: &Ray, hit: &Hit) -> Vec3 {
         let (point, _) = LitPoint::from_hit(&self.tracer, ray, hit);
         let [stream, ..] = random4([cell.0, cell.1, cell.2, 0x0bae]);
         let count = self.light_samples;
@@ -130,7 +129,7 @@ impl BakedLight {
         (0..count).map(sample).sum::<Vec3>() / count as f32
     }
 
-    /// Traces a row; `visit` gets each pixel's column, ray and hit.
+    /// Traces a row of pixels and calls `visit` with each pixel's column, ray and hit.
     fn row_hits(&self, camera: &Camera, y: u32, mut visit: impl FnMut(u32, Ray, Option<Hit>)) {
         for start in (0..camera.width()).step_by(PACKET) {
             let columns = start..camera.width().min(start + PACKET as u32);
@@ -145,7 +144,7 @@ impl BakedLight {
         }
     }
 
-    /// The colour of what a ray meets, sRGB.
+    /// Returns the colour of the lit surface at a hit, or of the environment, sRGB.
     pub(super) fn shade(&self, ray: &Ray, hit: Option<Hit>) -> [u8; 3] {
         let linear = match hit {
             Some(hit) => {
@@ -163,14 +162,14 @@ impl BakedLight {
     }
 }
 
-/// Traces one ray per pixel, through its centre.
+/// Renderer that traces one ray per pixel, through its centre.
 pub struct BakedRays {
     baked: Arc<BakedLight>,
     color: RgbImage,
 }
 
 impl BakedRays {
-    /// Draws with this light.
+    /// Creates a renderer with this light.
     pub fn new(baked: Arc<BakedLight>) -> Self {
         Self {
             baked,
@@ -195,21 +194,17 @@ impl Draw for BakedRays {
         self.color = RgbImage::from_raw(width, camera.height(), pixels).unwrap_or_default();
     }
 
-    fn picture(&mut self, camera: &Camera) -> JudgedFrame {
+    fn picture(&mut self, camera: &Camera) -> ContenderFrame {
         self.draw(camera);
-        let mut shown = Vec::with_capacity(self.color.len() / 3);
+        let mut origins = Vec::with_capacity(self.color.len() / 3);
         for y in 0..camera.height() {
             self.baked.row_hits(camera, y, |_, _, hit| {
-                shown.push(if hit.is_some() {
-                    PixelOrigin::Surface
-                } else {
-                    PixelOrigin::Environment
-                });
+                origins.push(PixelOrigin::from_hit(&hit));
             });
         }
-        JudgedFrame {
+        ContenderFrame {
             color: self.color.clone(),
-            shown,
+            origins,
         }
     }
 }

@@ -1,6 +1,6 @@
-//! Cube LDIs: the renderer, and the slow one in f64.
+//! Cube LDIs: the renderer, and the f64 reference renderer.
 
-use super::{Draw, JudgedFrame};
+use super::{ContenderFrame, Draw};
 use crate::baselines::fragments::FragmentRenderer;
 use headbox_core::camera::Camera;
 use headbox_cube::model::samples::CubeSamples;
@@ -9,11 +9,11 @@ use headbox_cube::render::reference::oracle::render_oracle;
 use headbox_cube::render::{RenderSettings, Renderer};
 use std::sync::Arc;
 
-/// Depth pixels that clipping against the whole frame leaves: R-N6 counts each once.
-/// [`FrameStats::depth_pixels_in`] counts it in each band that it reaches.
+/// Counts the depth pixels that survive clipping against the whole frame, each once (R-N6);
+/// [`FrameStats::depth_pixels_in`] counts a depth pixel in each band that it reaches.
 ///
 /// [`FrameStats::depth_pixels_in`]: headbox_cube::render::FrameStats::depth_pixels_in
-fn left_by_clipping(
+fn count_after_clipping(
     renderer: &mut Renderer,
     cube: &CubeLdi,
     camera: &Camera,
@@ -51,11 +51,11 @@ impl Draw for LdiDraw {
     }
 
     fn depth_pixels(&mut self, camera: &Camera) -> u64 {
-        left_by_clipping(&mut self.renderer, &self.cube, camera, &self.settings)
+        count_after_clipping(&mut self.renderer, &self.cube, camera, &self.settings)
     }
 
-    fn picture(&mut self, camera: &Camera) -> JudgedFrame {
-        JudgedFrame::of_frame(self.renderer.render(&self.cube, camera, &self.settings))
+    fn picture(&mut self, camera: &Camera) -> ContenderFrame {
+        ContenderFrame::from_frame(self.renderer.render(&self.cube, camera, &self.settings))
     }
 }
 
@@ -67,7 +67,7 @@ pub struct FragmentDraw {
 }
 
 impl FragmentDraw {
-    /// Draws `cube` in `count` fragments, or 0 for one a thread.
+    /// Draws `cube` in `count` fragments, 0 for one per thread.
     pub fn new(cube: Arc<CubeLdi>, count: u32) -> Self {
         Self {
             cube,
@@ -84,7 +84,7 @@ impl Draw for FragmentDraw {
     }
 
     fn depth_pixels(&mut self, camera: &Camera) -> u64 {
-        left_by_clipping(
+        count_after_clipping(
             &mut Renderer::new(),
             &self.cube,
             camera,
@@ -92,8 +92,8 @@ impl Draw for FragmentDraw {
         )
     }
 
-    fn picture(&mut self, camera: &Camera) -> JudgedFrame {
-        JudgedFrame::of_frame(
+    fn picture(&mut self, camera: &Camera) -> ContenderFrame {
+        ContenderFrame::from_frame(
             self.renderer
                 .render(&self.cube, camera, &RenderSettings::default(), self.count)
                 .0,
@@ -101,7 +101,7 @@ impl Draw for FragmentDraw {
     }
 }
 
-/// A cube LDI of which no depth pixel is quantised, by the same renderer.
+/// A cube LDI with unquantised depth pixels, drawn by the same renderer.
 pub struct ExactDraw {
     exact: ExactCube,
     settings: RenderSettings,
@@ -126,11 +126,11 @@ impl Draw for ExactDraw {
     }
 
     fn depth_pixels(&mut self, camera: &Camera) -> u64 {
-        left_by_clipping(&mut self.renderer, &self.exact.cube, camera, &self.settings)
+        count_after_clipping(&mut self.renderer, &self.exact.cube, camera, &self.settings)
     }
 
-    fn picture(&mut self, camera: &Camera) -> JudgedFrame {
-        JudgedFrame::of_frame(
+    fn picture(&mut self, camera: &Camera) -> ContenderFrame {
+        ContenderFrame::from_frame(
             self.renderer
                 .render_exact(&self.exact, camera, &self.settings)
                 .0,
@@ -138,11 +138,11 @@ impl Draw for ExactDraw {
     }
 }
 
-/// A cube LDI by the slow renderer: direct warp in f64, exact footprints, nothing quantised that
-/// the LDI has not.
+/// A cube LDI drawn by the reference renderer: direct warp in f64, exact footprints, no
+/// quantisation beyond that of the LDI itself.
 pub struct OracleDraw {
     ldi: CubeSamples,
-    last: Option<(Camera, JudgedFrame)>,
+    last: Option<(Camera, ContenderFrame)>,
 }
 
 impl OracleDraw {
@@ -155,7 +155,7 @@ impl OracleDraw {
 impl Draw for OracleDraw {
     fn draw(&mut self, camera: &Camera) {
         let frame = render_oracle(&self.ldi, camera);
-        self.last = Some((*camera, JudgedFrame::of_frame(&frame)));
+        self.last = Some((*camera, ContenderFrame::from_frame(&frame)));
     }
 
     fn depth_pixels(&mut self, _: &Camera) -> u64 {
@@ -166,10 +166,10 @@ impl Draw for OracleDraw {
             .sum()
     }
 
-    fn picture(&mut self, camera: &Camera) -> JudgedFrame {
+    fn picture(&mut self, camera: &Camera) -> ContenderFrame {
         match self.last.take() {
             Some((drawn, picture)) if drawn == *camera => picture,
-            _ => JudgedFrame::of_frame(&render_oracle(&self.ldi, camera)),
+            _ => ContenderFrame::from_frame(&render_oracle(&self.ldi, camera)),
         }
     }
 }

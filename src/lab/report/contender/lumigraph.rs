@@ -1,6 +1,6 @@
 //! Lumigraphs.
 
-use super::{Draw, JudgedFrame};
+use super::{ContenderFrame, Draw};
 use headbox_core::camera::Camera;
 use headbox_lumigraph::{Lumigraph, LumigraphRenderer, LumigraphSettings};
 use std::sync::Arc;
@@ -29,8 +29,8 @@ impl Draw for LumigraphDraw {
             .render(&self.lumigraph, camera, &self.settings);
     }
 
-    fn picture(&mut self, camera: &Camera) -> JudgedFrame {
-        JudgedFrame::of_frame(
+    fn picture(&mut self, camera: &Camera) -> ContenderFrame {
+        ContenderFrame::from_frame(
             self.renderer
                 .render(&self.lumigraph, camera, &self.settings)
                 .0,

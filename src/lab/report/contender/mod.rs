@@ -1,7 +1,7 @@
 //! Contenders of a report: anything that turns a camera into an image.
 //!
-//! A representation in the registry of views takes part by itself ([`ViewDraw`]). For a comparison
-//! of more than its variants, implement [`Draw`] and push a [`Contender`] in `report::field`.
+//! A representation in the registry of views is included automatically ([`ViewDraw`]). To compare
+//! more than its variants, implement [`Draw`] and push a [`Contender`] in `report::contender_list`.
 
 mod baked;
 mod ldi;
@@ -26,6 +26,7 @@ pub use warp_only::{WarpArithmetic, WarpOnly};
 use crate::plan::EyeSet;
 use headbox_core::camera::Camera;
 use headbox_core::frame::{Coverage, Frame};
+use headbox_trace::bvh::Hit;
 use image::RgbImage;
 use rayon::ThreadPool;
 use std::sync::Arc;
@@ -35,89 +36,95 @@ use std::sync::Arc;
 pub enum PixelOrigin {
     /// Geometry, at least in part.
     Surface,
-    /// The far surroundings alone.
+    /// Environment only.
     Environment,
-    /// Nothing is known of the pixel.
-    Nothing,
+    /// Hole.
+    Hole,
 }
 
-/// A frame as it is judged.
+impl PixelOrigin {
+    /// Classifies the hit of a ray; a ray without a hit shows the environment.
+    fn from_hit(hit: &Option<Hit>) -> Self {
+        if hit.is_some() {
+            Self::Surface
+        } else {
+            Self::Environment
+        }
+    }
+}
+
+/// A frame of a contender, to be compared with truth.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct JudgedFrame {
-    /// Its colours.
+pub struct ContenderFrame {
+    /// Colours, sRGB.
     pub color: RgbImage,
     /// Origin of each pixel, row-major; empty if the renderer does not report it.
-    pub shown: Vec<PixelOrigin>,
+    pub origins: Vec<PixelOrigin>,
 }
 
-impl JudgedFrame {
-    /// A frame of the LDI renderer.
-    pub fn of_frame(frame: &Frame) -> Self {
-        let shown = frame.coverage.iter().map(|coverage| {
+impl ContenderFrame {
+    /// Converts a frame of one of our renderers.
+    pub fn from_frame(frame: &Frame) -> Self {
+        let origins = frame.coverage.iter().map(|coverage| {
             if coverage.splat_share() > 0 {
                 PixelOrigin::Surface
             } else if coverage.is_hole() {
-                PixelOrigin::Nothing
+                PixelOrigin::Hole
             } else {
                 PixelOrigin::Environment
             }
         });
-        let pixel = |x: u32, y: u32| {
-            let [r, g, b, _] = frame.color[y as usize * frame.width as usize + x as usize];
-            image::Rgb([r, g, b])
-        };
         Self {
-            shown: shown.collect(),
-            color: RgbImage::from_fn(frame.width, frame.height, pixel),
+            origins: origins.collect(),
+            color: frame.to_rgb().unwrap_or_default(),
         }
     }
 
-    /// Share of pixels that show nothing, or the environment where truth shows geometry alone.
-    /// `truth`: its coverages. `None` if the renderer does not tell.
+    /// Returns the share of pixels that are holes, or show the environment where truth shows only
+    /// geometry; `None` if the renderer does not report origins. `truth`: coverages of truth.
     pub fn hole_fraction(&self, truth: &[Coverage]) -> Option<f64> {
-        let is_hole = |(shown, truth): &(&PixelOrigin, &Coverage)| match shown {
+        let is_hole = |(origin, truth): &(&PixelOrigin, &Coverage)| match origin {
             PixelOrigin::Surface => false,
             PixelOrigin::Environment => **truth == Coverage::FULL,
-            PixelOrigin::Nothing => true,
+            PixelOrigin::Hole => true,
         };
-        let holes = self.shown.iter().zip(truth).filter(is_hole).count();
-        (!self.shown.is_empty()).then(|| holes as f64 / self.shown.len() as f64)
+        let holes = self.origins.iter().zip(truth).filter(is_hole).count();
+        (!self.origins.is_empty()).then(|| holes as f64 / self.origins.len() as f64)
     }
 }
 
-/// Turns cameras into pictures.
+/// Renderer of a contender.
 pub trait Draw {
-    /// Draws what `camera` sees: the work that is timed, and nothing else.
+    /// Draws the view of `camera`. Only this is timed.
     fn draw(&mut self, camera: &Camera);
 
-    /// Depth pixels that a frame has to look at, each counted once however often it is warped:
-    /// bands of a frame overlap. 0 if there are no such things. Not timed.
+    /// Returns the number of depth pixels that a frame processes, 0 without depth pixels. Each
+    /// counts once, though it may be warped in several overlapping bands. Not timed.
     fn depth_pixels(&mut self, _camera: &Camera) -> u64 {
         0
     }
 
-    /// Returns the image that [`Self::draw`] draws. Not timed.
-    fn picture(&mut self, camera: &Camera) -> JudgedFrame;
+    /// Returns the frame that [`Self::draw`] draws. Not timed.
+    fn picture(&mut self, camera: &Camera) -> ContenderFrame;
 }
 
-/// One row to be: a renderer with its setting, and what is known of it beforehand.
+/// A renderer with its settings, and facts for its rows that need no measurement.
 pub struct Contender {
-    /// Group, name in the group, and whether it is the group's baseline; one measurement may serve
-    /// several groups.
+    /// Roles in the groups that it belongs to: one measurement may serve several groups.
     pub roles: Vec<Role>,
-    /// Eyes at which it is judged.
+    /// Eyes at which it is measured.
     pub eyes: EyeSet,
-    /// True if it traces the scene itself: truth need not be better than it.
+    /// True if it traces the scene itself: truth need not be more exact than it.
     pub traces: bool,
     /// Thread pool in which it draws.
     pub pool: Arc<ThreadPool>,
-    /// Bytes in memory that drawing needs.
+    /// Memory that drawing needs, bytes.
     pub bytes: u64,
-    /// Depth pixels in all, or 0.
+    /// Total number of depth pixels, or 0.
     pub depth_pixels: u64,
-    /// Seconds to make it.
+    /// Capture time, seconds.
     pub capture_s: Option<f64>,
-    /// Rays traced to make it.
+    /// Number of rays traced by the capture.
     pub rays: Option<u64>,
     /// The renderer.
     pub draw: Box<dyn Draw + Send>,
@@ -126,31 +133,32 @@ pub struct Contender {
 /// Role of a contender in a comparison.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Role {
-    /// The group.
+    /// Name of the group.
     pub group: &'static str,
-    /// The setting's name.
+    /// Name of the setting.
     pub variant: String,
     /// True for the baseline of the group.
     pub baseline: bool,
 }
 
 impl Role {
-    /// The row that others are compared with.
-    pub fn baseline(group: &'static str, variant: impl Into<String>) -> Self {
+    /// Creates a role.
+    pub fn new(group: &'static str, variant: impl Into<String>, baseline: bool) -> Self {
         Self {
             group,
             variant: variant.into(),
-            baseline: true,
+            baseline,
         }
     }
 
-    /// Another row.
+    /// Creates the role that the others of the group are compared with.
+    pub fn baseline(group: &'static str, variant: impl Into<String>) -> Self {
+        Self::new(group, variant, true)
+    }
+
+    /// Creates a role that is compared with the baseline.
     pub fn other(group: &'static str, variant: impl Into<String>) -> Self {
-        Self {
-            group,
-            variant: variant.into(),
-            baseline: false,
-        }
+        Self::new(group, variant, false)
     }
 }
 
@@ -161,18 +169,15 @@ mod tests {
     #[test]
     fn holes_are_unknown_or_sky_before_geometry() {
         let color = RgbImage::new(2, 2);
-        let shown = vec![
+        let origins = vec![
             PixelOrigin::Surface,
             PixelOrigin::Environment,
             PixelOrigin::Environment,
-            PixelOrigin::Nothing,
+            PixelOrigin::Hole,
         ];
-        let picture = JudgedFrame {
-            color: color.clone(),
-            shown,
-        };
+        let mut frame = ContenderFrame { color, origins };
         assert_eq!(
-            picture.hole_fraction(&[
+            frame.hole_fraction(&[
                 Coverage::FULL,
                 Coverage::FULL,
                 Coverage::from_splat_share(254),
@@ -180,13 +185,7 @@ mod tests {
             ]),
             Some(0.5)
         );
-        assert_eq!(
-            JudgedFrame {
-                color,
-                shown: vec![]
-            }
-            .hole_fraction(&[Coverage::FULL; 4]),
-            None
-        );
+        frame.origins.clear();
+        assert_eq!(frame.hole_fraction(&[Coverage::FULL; 4]), None);
     }
 }

@@ -1,8 +1,7 @@
-//! The depth pixels of a cube LDI as a cloud of points with a depth buffer: what one would write in
-//! an afternoon. Every point is projected, in any order, and the nearest one of each pixel
-//! overwrites the others.
+//! Depth pixels of a cube LDI as a point cloud with a depth buffer: the simplest renderer. All
+//! points are projected in any order, and the nearest one of each pixel wins.
 
-use super::{Draw, JudgedFrame, PixelOrigin};
+use super::{ContenderFrame, Draw, PixelOrigin};
 use glam::{Mat4, Vec3};
 use headbox_core::camera::Camera;
 use headbox_core::environment::Environment;
@@ -14,16 +13,17 @@ use std::sync::atomic::{AtomicU64, Ordering};
 /// One point: 16 bytes.
 #[derive(Clone, Copy)]
 struct Point {
-    /// From the centre, world axes, metres.
+    /// Position relative to the centre, world axes, metres.
     position: Vec3,
-    /// sRGB.
+    /// Colour and alpha, sRGB.
     color: [u8; 4],
 }
 
-/// A depth buffer that keeps the nearest colour of each pixel.
+/// Depth buffer that keeps the nearest colour of each pixel.
 ///
 /// A cell is an inverse depth (positive f32, whose bits order as numbers do), then 24 bits of
-/// colour. The largest wins whatever the order of arrival, so that threads need no other agreement.
+/// colour. The maximum does not depend on the order of arrival, so that threads need no other
+/// synchronisation.
 #[derive(Default)]
 pub(super) struct NearestColors {
     size: [u32; 2],
@@ -31,7 +31,7 @@ pub(super) struct NearestColors {
 }
 
 impl NearestColors {
-    /// Nothing yet, at the size of the camera's image.
+    /// Clears the buffer, at the size of the camera's image.
     pub(super) fn reset(&mut self, camera: &Camera) {
         self.size = [camera.width(), camera.height()];
         self.cells.resize_with(
@@ -47,9 +47,9 @@ impl NearestColors {
         u64::from(inverse_depth.to_bits()) << 24 | u64::from(u32::from_le_bytes([r, g, b, 0]))
     }
 
-    /// A point that shows in one pixel, if (x, y) lies in the image; by one thread alone.
+    /// Draws a point of one pixel if (x, y) lies in the image; for use by a single thread.
     #[inline(always)]
-    pub(super) fn put(&mut self, x_px: f32, y_px: f32, inverse_depth: f32, color: [u8; 4]) {
+    pub(super) fn draw_point(&mut self, x_px: f32, y_px: f32, inverse_depth: f32, color: [u8; 4]) {
         let [width, height] = self.size;
         // False for NaN too.
         if x_px >= 0.0 && y_px >= 0.0 && x_px < width as f32 && y_px < height as f32 {
@@ -61,7 +61,7 @@ impl NearestColors {
         }
     }
 
-    /// The colours, with the environment behind them. `camera` as in [`Self::reset`].
+    /// Resolves colours with the environment behind them. `camera` as in [`Self::reset`].
     pub(super) fn resolve(
         &self,
         camera: &Camera,
@@ -77,8 +77,7 @@ impl NearestColors {
                 for (x, color) in row.iter_mut().enumerate() {
                     let cell = self.cells[y * width + x].load(Ordering::Relaxed);
                     *color = if cell == 0 {
-                        let direction = camera.direction(x as f64 + 0.5, y as f64 + 0.5).as_vec3();
-                        environment.sample(direction).unwrap_or([0; 3])
+                        background(camera, environment, x, y).unwrap_or([0; 3])
                     } else {
                         let [r, g, b, ..] = cell.to_le_bytes();
                         [r, g, b]
@@ -87,41 +86,34 @@ impl NearestColors {
             });
     }
 
-    /// The finished picture.
-    pub(super) fn picture(&self, camera: &Camera, environment: &Environment) -> JudgedFrame {
+    /// Returns the resolved frame.
+    pub(super) fn picture(&self, camera: &Camera, environment: &Environment) -> ContenderFrame {
         let mut color = Vec::new();
         self.resolve(camera, environment, &mut color);
         let [width, height] = self.size;
-        let known = |index: usize| {
-            let (x, y) = (index as u32 % width, index as u32 / width);
-            environment
-                .sample(
-                    camera
-                        .direction(f64::from(x) + 0.5, f64::from(y) + 0.5)
-                        .as_vec3(),
-                )
-                .is_some()
+        let origin = |(index, cell): (usize, &AtomicU64)| {
+            let (x, y) = (index % width as usize, index / width as usize);
+            if cell.load(Ordering::Relaxed) > 0 {
+                PixelOrigin::Surface
+            } else if background(camera, environment, x, y).is_some() {
+                PixelOrigin::Environment
+            } else {
+                PixelOrigin::Hole
+            }
         };
-        let shown =
-            self.cells
-                .iter()
-                .enumerate()
-                .map(|(index, cell)| match cell.load(Ordering::Relaxed) {
-                    0 if known(index) => PixelOrigin::Environment,
-                    0 => PixelOrigin::Nothing,
-                    _ => PixelOrigin::Surface,
-                });
-        let shown = shown.collect();
-        JudgedFrame {
-            shown,
-            color: RgbImage::from_fn(width, height, |x, y| {
-                image::Rgb(color[(y * width + x) as usize])
-            }),
+        ContenderFrame {
+            origins: self.cells.iter().enumerate().map(origin).collect(),
+            color: RgbImage::from_raw(width, height, color.into_flattened()).unwrap_or_default(),
         }
     }
 }
 
-/// Points, and what is behind them.
+/// Samples the environment behind a pixel, sRGB.
+fn background(camera: &Camera, environment: &Environment, x: usize, y: usize) -> Option<[u8; 3]> {
+    environment.sample(camera.direction(x as f64 + 0.5, y as f64 + 0.5).as_vec3())
+}
+
+/// Point cloud with an environment.
 pub struct PointCloud {
     points: Vec<Point>,
     centre: glam::DVec3,
@@ -131,20 +123,19 @@ pub struct PointCloud {
     color: Vec<[u8; 3]>,
 }
 
-/// Points drawn by one thread at a time.
+/// Number of points in a task of a thread.
 const CHUNK: usize = 1 << 13;
 
 impl PointCloud {
-    /// The depth pixels of a cube, each to be drawn as a square of `stamp_px` pixels; those that
-    /// hide less than half of their pixel are left out, as there is nothing half-hidden in a depth
-    /// buffer.
+    /// Converts the depth pixels of a cube to points, drawn as squares of `stamp_px` pixels. Those
+    /// with less than half coverage are left out: a depth buffer has no partial coverage.
     pub fn new(cube: &CubeLdi, stamp_px: u32) -> Self {
         let mut points = Vec::with_capacity(cube.depth_pixel_count());
         for segment in &cube.segments {
             for (x, y) in (0..segment.height).flat_map(|y| (0..segment.width).map(move |x| (x, y)))
             {
-                let at = [segment.x0 + x, segment.y0 + y].map(|c| f64::from(c) + 0.5);
-                let ray = segment.face.direction(at[0], at[1], cube.face_size_px);
+                let [px, py] = [segment.x0 + x, segment.y0 + y].map(|c| f64::from(c) + 0.5);
+                let ray = segment.face.direction(px, py, cube.face_size_px);
                 for pixel in segment
                     .pixel(x, y)
                     .iter()
@@ -158,18 +149,17 @@ impl PointCloud {
                 }
             }
         }
-        let (environment, centre) = (cube.environment.clone(), cube.info.centre);
         Self {
             points,
-            centre,
-            environment,
+            centre: cube.info.centre,
+            environment: cube.environment.clone(),
             stamp_px,
             nearest: NearestColors::default(),
             color: Vec::new(),
         }
     }
 
-    /// Bytes of points and environment.
+    /// Returns the size of points and environment, bytes.
     pub fn bytes(&self) -> u64 {
         (size_of_val(&self.points[..]) + size_of_val(&self.environment.texels[..])) as u64
     }
@@ -218,7 +208,7 @@ impl Draw for PointCloud {
         self.points.len() as u64
     }
 
-    fn picture(&mut self, camera: &Camera) -> JudgedFrame {
+    fn picture(&mut self, camera: &Camera) -> ContenderFrame {
         self.project(camera);
         self.nearest.picture(camera, &self.environment)
     }

@@ -1,9 +1,8 @@
-//! Rasterising the geometry, with baked light: what one would do with triangles and no tracer. The
-//! rasteriser is that of houses ([`headbox_raster`]); here it only says which triangle each pixel
-//! shows, and baked light colours it.
+//! Rasterised geometry with baked light: the baseline without a ray tracer. The rasteriser of
+//! houses ([`headbox_raster`]) finds the visible triangle of each pixel, baked light shades it.
 
 use super::baked::BakedLight;
-use super::{Draw, JudgedFrame, PixelOrigin};
+use super::{ContenderFrame, Draw, PixelOrigin};
 use glam::DVec3;
 use headbox_core::camera::Camera;
 use headbox_core::environment::Environment;
@@ -13,10 +12,7 @@ use image::RgbImage;
 use rayon::prelude::*;
 use std::sync::Arc;
 
-/// Content of a pixel: a hit whose `t` is its eye depth.
-type Cell = Option<Hit>;
-
-/// Finds what the pixels of frames show.
+/// Finds the visible triangle of each pixel.
 struct Visibility {
     mesh: RasterMesh,
     rasterizer: Rasterizer,
@@ -36,8 +32,8 @@ impl Visibility {
         }
     }
 
-    /// Hits of all pixels of a frame, row-major.
-    fn cells(&mut self, tracer: &Tracer, camera: &Camera) -> Vec<Cell> {
+    /// Returns the hits of all pixels of a frame, row-major; `t` is the eye depth.
+    fn hits(&mut self, tracer: &Tracer, camera: &Camera) -> Vec<Option<Hit>> {
         let groups = [GroupWindow {
             group: 0,
             window: None,
@@ -52,7 +48,7 @@ impl Visibility {
             .rasterizer
             .draw(&self.mesh, camera, &view, &Environment::default());
         let eye = camera.eye() - tracer.origin();
-        let cell = |pixel: u32| {
+        let hit = |pixel: u32| {
             let PixelContent::Triangle(primitive) = frame.seen(pixel as usize) else {
                 return None;
             };
@@ -69,9 +65,8 @@ impl Visibility {
                 a.cross(b).dot(direction),
             );
             let sum = weights.element_sum();
-            let t = (a.dot(b.cross(c)) / sum) as f32;
             Some(Hit {
-                t,
+                t: (a.dot(b.cross(c)) / sum) as f32,
                 primitive,
                 u: (weights.y / sum) as f32,
                 v: (weights.z / sum) as f32,
@@ -79,12 +74,12 @@ impl Visibility {
         };
         (0..camera.width() * camera.height())
             .into_par_iter()
-            .map(cell)
+            .map(hit)
             .collect()
     }
 }
 
-/// Draws the scene's triangles into a depth buffer.
+/// Renderer that rasterises the scene's triangles.
 pub struct RasterDraw {
     baked: Arc<BakedLight>,
     visibility: Visibility,
@@ -92,7 +87,7 @@ pub struct RasterDraw {
 }
 
 impl RasterDraw {
-    /// Draws with this light.
+    /// Creates a renderer with this light.
     pub fn new(baked: Arc<BakedLight>) -> Self {
         let visibility = Visibility::new(baked.tracer());
         Self {
@@ -102,19 +97,18 @@ impl RasterDraw {
         }
     }
 
-    /// Bakes the light of what cameras show; rounding may put a pixel in another cell than its ray.
+    /// Bakes the light of all pixels of `cameras`: by rounding, a rasterised pixel may lie in
+    /// another cell than its ray's hit.
     pub fn bake_views(baked: &mut BakedLight, cameras: &[Camera]) {
         let mut visibility = Visibility::new(baked.tracer());
         for camera in cameras {
             let hits: Vec<(Ray, Hit)> = visibility
-                .cells(baked.tracer(), camera)
+                .hits(baked.tracer(), camera)
                 .into_iter()
                 .zip(0..)
-                .filter_map(|(cell, i)| {
-                    Some((
-                        baked.pixel_ray(camera, i % camera.width(), i / camera.width()),
-                        cell?,
-                    ))
+                .filter_map(|(hit, i)| {
+                    let ray = baked.pixel_ray(camera, i % camera.width(), i / camera.width());
+                    Some((ray, hit?))
                 })
                 .collect();
             baked.bake(hits);
@@ -125,30 +119,23 @@ impl RasterDraw {
 impl Draw for RasterDraw {
     fn draw(&mut self, camera: &Camera) {
         let width = camera.width();
-        let cells = self.visibility.cells(self.baked.tracer(), camera);
-        let color = cells.par_iter().enumerate().flat_map_iter(|(i, cell)| {
+        let hits = self.visibility.hits(self.baked.tracer(), camera);
+        let color = hits.par_iter().enumerate().flat_map_iter(|(i, hit)| {
             let ray = self
                 .baked
                 .pixel_ray(camera, i as u32 % width, i as u32 / width);
-            self.baked.shade(&ray, *cell)
+            self.baked.shade(&ray, *hit)
         });
         self.color =
             RgbImage::from_raw(width, camera.height(), color.collect()).unwrap_or_default();
     }
 
-    fn picture(&mut self, camera: &Camera) -> JudgedFrame {
+    fn picture(&mut self, camera: &Camera) -> ContenderFrame {
         self.draw(camera);
-        let cells = self.visibility.cells(self.baked.tracer(), camera);
-        let shown = |cell: &Cell| {
-            if cell.is_some() {
-                PixelOrigin::Surface
-            } else {
-                PixelOrigin::Environment
-            }
-        };
-        JudgedFrame {
+        let hits = self.visibility.hits(self.baked.tracer(), camera);
+        ContenderFrame {
             color: self.color.clone(),
-            shown: cells.iter().map(shown).collect(),
+            origins: hits.iter().map(PixelOrigin::from_hit).collect(),
         }
     }
 }
@@ -157,8 +144,8 @@ impl Draw for RasterDraw {
 mod tests {
     use super::*;
 
-    /// The rasteriser snaps corners to a fraction of a pixel, so that edges move, and a pixel of a
-    /// far tree holds many edges of leaves. Found: 13 of 3,072 pixels.
+    /// Tolerance: the rasteriser snaps corners to a fraction of a pixel, so that edges move, and a
+    /// pixel of a distant tree contains many edges of leaves. Measured: 13 of 3,072 pixels.
     const DIFFERING_PIXELS: usize = 18;
 
     #[test]
@@ -175,8 +162,8 @@ mod tests {
             let camera = Camera::look_at(centre, centre + forward, DVec3::Y, 100.0, [64, 48])
                 .expect("valid");
             let mut differing = 0;
-            for (i, cell) in Visibility::new(&tracer)
-                .cells(&tracer, &camera)
+            for (i, rasterised) in Visibility::new(&tracer)
+                .hits(&tracer, &camera)
                 .into_iter()
                 .enumerate()
             {
@@ -189,7 +176,7 @@ mod tests {
                     t_max: f32::INFINITY,
                 };
                 let hit = tracer.closest(&ray);
-                let agree = match (cell, hit) {
+                let agree = match (rasterised, hit) {
                     (Some(a), Some(b)) => (a.t - b.t).abs() <= 1e-4 * b.t,
                     (a, b) => a.is_none() && b.is_none(),
                 };

@@ -1,6 +1,6 @@
 //! Sprites with depth, over the environment.
 
-use super::{Draw, JudgedFrame};
+use super::{ContenderFrame, Draw};
 use headbox_core::camera::Camera;
 use headbox_core::frame::Frame;
 use headbox_sprite::RenderOptions;
@@ -16,18 +16,17 @@ pub struct SpriteDraw {
 }
 
 impl SpriteDraw {
-    /// Draws `layers`, which hold sprites only.
+    /// Draws `layers`, which contain sprites only.
     pub fn new(layers: Arc<Composition>, options: RenderOptions) -> Self {
         let settings = ComposeSettings {
             sprites: options,
             ..ComposeSettings::default()
         };
-        let (composer, frame) = Default::default();
         Self {
             layers,
             settings,
-            composer,
-            frame,
+            composer: Composer::default(),
+            frame: Frame::default(),
         }
     }
 }
@@ -38,8 +37,8 @@ impl Draw for SpriteDraw {
             .render(&mut self.composer, camera, &self.settings, &mut self.frame);
     }
 
-    fn picture(&mut self, camera: &Camera) -> JudgedFrame {
+    fn picture(&mut self, camera: &Camera) -> ContenderFrame {
         self.draw(camera);
-        JudgedFrame::of_frame(&self.frame)
+        ContenderFrame::from_frame(&self.frame)
     }
 }

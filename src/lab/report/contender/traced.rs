@@ -1,6 +1,6 @@
-//! Contenders that trace rays for every frame, and the cube map.
+//! Path tracing of every frame, and the cube map.
 
-use super::{Draw, JudgedFrame};
+use super::{ContenderFrame, Draw};
 use crate::cube_map::CubeMap;
 use headbox_core::camera::Camera;
 use headbox_core::progress::Silent;
@@ -11,7 +11,7 @@ use headbox_trace::truth::Truth;
 use image::RgbImage;
 use std::sync::Arc;
 
-/// Full path tracing with a few rays per pixel: truth, too early.
+/// Path tracer with a few rays per pixel: truth before convergence.
 pub struct PathTraced {
     tracer: Arc<Tracer>,
     lighting: Lighting,
@@ -46,25 +46,25 @@ impl Draw for PathTraced {
         self.last = Some((*camera, truth));
     }
 
-    fn picture(&mut self, camera: &Camera) -> JudgedFrame {
+    fn picture(&mut self, camera: &Camera) -> ContenderFrame {
         if self.last.as_ref().is_none_or(|(drawn, _)| drawn != camera) {
             self.draw(camera);
         }
         self.last
             .take()
-            .map(|(_, truth)| JudgedFrame::of_frame(&truth.frame))
+            .map(|(_, truth)| ContenderFrame::from_frame(&truth.frame))
             .unwrap_or_default()
     }
 }
 
-/// A cube map about the headbox's centre: no parallax at all.
+/// A cube map about the headbox's centre, without parallax.
 pub struct CubeMapDraw {
     map: Arc<CubeMap>,
     color: RgbImage,
 }
 
 impl CubeMapDraw {
-    /// Looks `map` up.
+    /// Resamples `map`.
     pub fn new(map: Arc<CubeMap>) -> Self {
         Self {
             map,
@@ -78,10 +78,10 @@ impl Draw for CubeMapDraw {
         self.color = self.map.resample(camera);
     }
 
-    fn picture(&mut self, camera: &Camera) -> JudgedFrame {
-        JudgedFrame {
+    fn picture(&mut self, camera: &Camera) -> ContenderFrame {
+        ContenderFrame {
             color: self.map.resample(camera),
-            shown: Vec::new(),
+            origins: Vec::new(),
         }
     }
 }

@@ -1,11 +1,11 @@
-//! Any representation, through the interface that the command line and the window use.
+//! Any registered representation, through the interface of the command line and the window.
 
-use super::{Draw, JudgedFrame};
+use super::{ContenderFrame, Draw};
 use headbox_core::camera::Camera;
 use headbox_core::view::{Control, FrameRequest, SettingValues, View};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// A view that several contenders share, each with a variant of its own.
+/// View shared by several contenders, each with its own variant.
 pub type SharedView = Arc<Mutex<Box<dyn View>>>;
 
 /// A view under one variant.
@@ -15,8 +15,8 @@ pub struct ViewDraw {
 }
 
 impl ViewDraw {
-    /// Draws `view` with its initial settings, and with each other option of its variant: the names
-    /// of the variants, the initial one first.
+    /// Returns the names of the variants of `view` and a renderer of each, the initial variant
+    /// first.
     pub fn variants(view: &SharedView) -> Vec<(String, Self)> {
         let settings = lock(view).settings();
         let initial = SettingValues::initial(&settings);
@@ -24,32 +24,28 @@ impl ViewDraw {
             view: Arc::clone(view),
             values: Arc::new(values),
         };
-        let of_variant = settings
+        let setting = settings
             .iter()
             .find(|setting| setting.flag == Some("variant"));
-        let mut found = vec![(
-            of_variant
-                .and_then(|setting| initial.text(setting))
-                .unwrap_or_default(),
-            draw(initial.clone()),
-        )];
-        let Some((setting, Control::Choice { options, .. })) =
-            of_variant.map(|setting| (setting, &setting.control))
-        else {
-            return found;
+        let name = setting.and_then(|setting| initial.text(setting));
+        let mut variants = vec![(name.unwrap_or_default(), draw(initial.clone()))];
+        let Some(setting) = setting else {
+            return variants;
         };
-        for option in options {
-            let mut values = initial.clone();
-            let is_set = values.set_text(&settings, setting.id, option).is_ok();
-            if is_set && values != initial {
-                found.push((option.clone(), draw(values)));
+        if let Control::Choice { options, .. } = &setting.control {
+            for option in options {
+                let mut values = initial.clone();
+                let is_set = values.set_text(&settings, setting.id, option).is_ok();
+                if is_set && values != initial {
+                    variants.push((option.clone(), draw(values)));
+                }
             }
         }
-        found
+        variants
     }
 }
 
-/// A panic elsewhere leaves a view that renders the next frame from its own data.
+/// Locks a view, poisoned or not: the next frame does not depend on the previous one.
 fn lock(view: &SharedView) -> MutexGuard<'_, Box<dyn View>> {
     view.lock().unwrap_or_else(PoisonError::into_inner)
 }
@@ -57,17 +53,15 @@ fn lock(view: &SharedView) -> MutexGuard<'_, Box<dyn View>> {
 impl Draw for ViewDraw {
     fn draw(&mut self, camera: &Camera) {
         let request = FrameRequest::complete(*camera, Arc::clone(&self.values));
-        // What cannot be drawn is missing in the picture.
+        // An error shows in `picture`, as an empty frame.
         let _ = lock(&self.view).render(&request);
     }
 
-    fn picture(&mut self, camera: &Camera) -> JudgedFrame {
+    fn picture(&mut self, camera: &Camera) -> ContenderFrame {
         let request = FrameRequest::complete(*camera, Arc::clone(&self.values));
-        let mut view = lock(&self.view);
-        let rendered = view.render(&request);
-        rendered.map_or_else(
-            |_| JudgedFrame::default(),
-            |it| JudgedFrame::of_frame(it.frame),
-        )
+        match lock(&self.view).render(&request) {
+            Ok(rendered) => ContenderFrame::from_frame(rendered.frame),
+            Err(_) => ContenderFrame::default(),
+        }
     }
 }

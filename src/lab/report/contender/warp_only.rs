@@ -1,10 +1,10 @@
-//! The warp alone, by three arithmetics (S18, C8): what it gains to add where one could multiply.
+//! The warp alone, in three arithmetics (S18, C8): the gain of incremental evaluation.
 //!
 //! Every depth pixel becomes one frame pixel in a depth buffer: no footprints, no order, no
-//! clipping, no SIMD, one thread. What differs is how its position is found.
+//! clipping, no SIMD, one thread. Only the computation of the position differs.
 
 use super::points::NearestColors;
-use super::{Draw, JudgedFrame};
+use super::{ContenderFrame, Draw};
 use glam::{DMat4, DVec3, Vec3};
 use headbox_core::camera::Camera;
 use headbox_core::cube_face::Face;
@@ -16,11 +16,12 @@ use std::sync::Arc;
 /// Arithmetic of the warp.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum WarpArithmetic {
-    /// Each depth pixel to a point of the world, and that by the camera's matrix, in f64.
+    /// Unprojection of each depth pixel, then projection by the camera's matrix, in f64.
     Direct,
-    /// The paper's: a running sum along the whole row, in f32.
+    /// Running sum along the whole row, in f32, as in the paper.
     RunningSum,
-    /// Ours: multiples of a step from an anchor every [`BLOCK_COLUMNS`] columns, in f32.
+    /// Multiples of a step from an anchor every [`BLOCK_COLUMNS`] columns, in f32, as in the
+    /// renderer.
     Anchored,
 }
 
@@ -31,18 +32,18 @@ pub struct WarpOnly {
     nearest: NearestColors,
 }
 
-/// Positions of the depth pixels of a row.
+/// Warp of the depth pixels of a row.
 trait RowWarp {
-    /// Begins with the pixel at `column` of a row.
+    /// Starts a row at `column`.
     fn start(&mut self, column: u32, row: u32);
-    /// Goes on to `column`, the next.
+    /// Advances to the next column, `column`.
     fn advance(&mut self, column: u32);
-    /// Position in the frame from its top left corner, px, and w = Z2 / Z1, of a sample of the
-    /// pixel, all three times w.
+    /// Returns the homogeneous frame position (x w, y w, w) of the sample with inverse depth `code`:
+    /// x and y from the top left corner, px; w = Z2 / Z1.
     fn homogeneous(&self, code: u32) -> Vec3;
 }
 
-/// Shared state of the incremental warps.
+/// Common part of the incremental warps.
 struct Incremental {
     transfer: Transfer,
     inverse_depth_min: f64,
@@ -53,7 +54,7 @@ impl Incremental {
     fn new(camera: &Camera, cube: &CubeLdi, segment: &PackedSegment) -> Self {
         let eye = camera.eye() - cube.info.centre;
         let mut transfer = Transfer::new(camera, eye, segment.face, cube.face_size_px);
-        // From the corner instead of the principal point, as the direct warp counts.
+        // The origin is the corner, as in the direct warp, not the principal point.
         let corner = DVec3::new(f64::from(camera.width()), f64::from(camera.height()), 0.0) / 2.0;
         for column in [
             &mut transfer.one,
@@ -63,14 +64,10 @@ impl Incremental {
         ] {
             *column += corner * column.z;
         }
-        let (inverse_depth_min, inverse_depth_step) = (
-            f64::from(segment.inverse_depth_min),
-            segment.inverse_depth_step(),
-        );
         Self {
             transfer,
-            inverse_depth_min,
-            inverse_depth_step,
+            inverse_depth_min: f64::from(segment.inverse_depth_min),
+            inverse_depth_step: segment.inverse_depth_step(),
         }
     }
 
@@ -175,54 +172,42 @@ impl WarpOnly {
             step: Vec3::ZERO,
             per_code: Vec3::ZERO,
         };
-        let (face_px, image_from_centre) = (
-            cube.face_size_px,
-            camera
-                .with_eye(camera.eye() - cube.info.centre)
-                .image_from_world(),
-        );
+        let image_from_centre = camera
+            .with_eye(camera.eye() - cube.info.centre)
+            .image_from_world();
         for segment in &cube.segments {
             let shared = || Incremental::new(camera, &cube, segment);
             match self.arithmetic {
                 WarpArithmetic::Direct => {
-                    self.segment(
+                    let warp = Direct {
                         segment,
-                        Direct {
-                            segment,
-                            face: segment.face,
-                            face_px,
-                            image_from_centre,
-                            at: [0.0; 2],
-                        },
-                    );
+                        face: segment.face,
+                        face_px: cube.face_size_px,
+                        image_from_centre,
+                        at: [0.0; 2],
+                    };
+                    self.warp_segment(segment, warp);
                 }
-                WarpArithmetic::RunningSum => self.segment(
-                    segment,
-                    RunningSum {
+                WarpArithmetic::RunningSum => {
+                    let shared = shared();
+                    self.warp_segment(segment, RunningSum { shared, at });
+                }
+                WarpArithmetic::Anchored => {
+                    let warp = Anchored {
                         shared: shared(),
                         at,
-                    },
-                ),
-                WarpArithmetic::Anchored => {
-                    self.segment(
-                        segment,
-                        Anchored {
-                            shared: shared(),
-                            at,
-                            row: 0,
-                            here: Vec3::ZERO,
-                        },
-                    );
+                        row: 0,
+                        here: Vec3::ZERO,
+                    };
+                    self.warp_segment(segment, warp);
                 }
             }
         }
     }
 
-    fn segment(&mut self, segment: &PackedSegment, mut warp: impl RowWarp) {
-        let (min, step) = (
-            segment.inverse_depth_min,
-            segment.inverse_depth_step() as f32,
-        );
+    fn warp_segment(&mut self, segment: &PackedSegment, mut warp: impl RowWarp) {
+        let min = segment.inverse_depth_min;
+        let step = segment.inverse_depth_step() as f32;
         for y in 0..segment.height {
             let (samples, counts) = segment.row(y);
             warp.start(segment.x0, segment.y0 + y);
@@ -238,8 +223,9 @@ impl WarpOnly {
                     let h = warp.homogeneous(code);
                     if h.z > 1e-6 && pixel.color_srgb[3] >= 128 {
                         let inverse_depth = (min + step * code as f32) / h.z;
+                        let (x, y) = (h.x / h.z, h.y / h.z);
                         self.nearest
-                            .put(h.x / h.z, h.y / h.z, inverse_depth, pixel.color_srgb);
+                            .draw_point(x, y, inverse_depth, pixel.color_srgb);
                     }
                 }
             }
@@ -256,7 +242,7 @@ impl Draw for WarpOnly {
         self.cube.depth_pixel_count() as u64
     }
 
-    fn picture(&mut self, camera: &Camera) -> JudgedFrame {
+    fn picture(&mut self, camera: &Camera) -> ContenderFrame {
         self.warp(camera);
         self.nearest.picture(camera, &self.cube.environment)
     }

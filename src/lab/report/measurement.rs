@@ -1,11 +1,10 @@
-//! Timing contenders in turns, and judging their pictures by truth.
+//! Measurement of contenders: times in turns, and errors against truth.
 
-use super::contender::{Contender, JudgedFrame};
+use super::contender::{Contender, ContenderFrame, Role};
 use super::row::{DisplacementError, Row, WorstFrame};
-use crate::plan::EyeSet;
-use crate::plan::{Eye, Place};
-use crate::stats::{Spread, mean, pooled_psnr_db, psnr_of_mse};
-use crate::turns::{in_turns, least};
+use crate::plan::{Eye, EyeSet, Place};
+use crate::stats::{Spread, mean, pooled_psnr_db, psnr_from_mse};
+use crate::turns::{in_turns, least, time_ms};
 use headbox_core::metrics;
 use headbox_core::metrics::{Comparison, MetricError, OwnError};
 use headbox_core::progress::Progress;
@@ -13,28 +12,28 @@ use headbox_core::statistics::median;
 use headbox_trace::truth::Truth;
 use image::RgbImage;
 use rayon::prelude::*;
-use std::time::Instant;
 
 /// Measurement of one contender.
 #[derive(Clone, Debug, Default)]
 pub struct Measurement {
-    /// Milliseconds by eye and round; empty for eyes that it is not judged by.
+    /// Frame times by eye and round, ms; empty for eyes outside the contender's set.
     pub ms: Vec<Vec<f64>>,
-    /// Pictures by eye; `None` likewise.
-    pub pictures: Vec<Option<JudgedFrame>>,
-    /// [`Draw::depth_pixels`](super::contender::Draw::depth_pixels), mean over eyes.
+    /// Frames by eye; `None` for eyes outside the contender's set and not on the path.
+    pub pictures: Vec<Option<ContenderFrame>>,
+    /// Mean of [`Draw::depth_pixels`](super::contender::Draw::depth_pixels) over eyes.
     pub depth_pixels_in: f64,
 }
 
-/// Frames that take longer than this are drawn [`SLOW_ROUNDS`] times for each eye and not warmed
-/// up: they do not live in a cache. Those that take longer than [`SLOWEST_MS`] once.
+/// Time above which a frame is drawn [`SLOW_ROUNDS`] times per eye and without warm-up, ms: its
+/// data do not fit into a cache.
 const SLOW_MS: f64 = 100.0;
+/// Time above which a frame is drawn once per eye, ms.
 const SLOWEST_MS: f64 = 1000.0;
-/// Rounds of slow frames: with three, one that the machine has disturbed is not the least.
+/// Rounds of slow frames: three, so that a frame disturbed by other load is not the least.
 const SLOW_ROUNDS: u32 = 3;
 
-/// Draws every contender for every eye, in turns ([`crate::turns`]). Before a frame is timed it is
-/// drawn once, so that what is timed finds its data in the cache as it would in use.
+/// Draws every contender for every eye, in turns ([`crate::turns`]). Each timed frame follows an
+/// untimed one that loads its data into the cache, as in use.
 pub fn draw_in_turns(
     contenders: &mut [Contender],
     eyes: &[Eye],
@@ -53,61 +52,57 @@ pub fn draw_in_turns(
         eyes.len() as u64 * contenders.len() as u64 * u64::from(rounds + 1),
     );
     for (number, eye) in eyes.iter().enumerate() {
-        let takes_part =
-            |contender: &Contender| eye.belongs_to(contender.eyes) || eye.place == Place::Path;
-        let mut timed = vec![0; contenders.len()];
-        for (contender, found) in contenders.iter_mut().zip(&mut measured) {
-            found.pictures.push(takes_part(contender).then(|| {
-                let pool = contender.pool.clone();
-                let draw = &mut contender.draw;
+        let mut rounds_drawn = vec![0; contenders.len()];
+        for (contender, measurement) in contenders.iter_mut().zip(&mut measured) {
+            let is_drawn = eye.belongs_to(contender.eyes) || eye.place == Place::Path;
+            measurement.pictures.push(is_drawn.then(|| {
+                let Contender { pool, draw, .. } = contender;
                 pool.install(|| {
-                    found.depth_pixels_in += draw.depth_pixels(&eye.camera) as f64;
+                    measurement.depth_pixels_in += draw.depth_pixels(&eye.camera) as f64;
                     draw.picture(&eye.camera)
                 })
             }));
             progress.advance(1);
         }
-        let of_eye = in_turns(contenders, rounds, |index, contender| {
+        let times = in_turns(contenders, rounds, |index, contender| {
             progress.advance(1);
-            let mine = &mut timed[index];
-            if !eye.belongs_to(contender.eyes) || (slow[index] && *mine >= SLOW_ROUNDS) {
+            let drawn = &mut rounds_drawn[index];
+            if !eye.belongs_to(contender.eyes) || (slow[index] && *drawn >= SLOW_ROUNDS) {
                 return None;
             }
-            *mine += 1;
-            let (pool, draw) = (contender.pool.clone(), &mut contender.draw);
+            *drawn += 1;
+            let Contender { pool, draw, .. } = contender;
             let ms = pool.install(|| {
                 if !slow[index] {
                     draw.draw(&eye.camera);
                 }
-                let start = Instant::now();
-                draw.draw(&eye.camera);
-                start.elapsed().as_secs_f64() * 1e3
+                time_ms(|| draw.draw(&eye.camera))
             });
             slow[index] |= ms > SLOW_MS;
             if ms > SLOWEST_MS {
-                *mine = SLOW_ROUNDS;
+                *drawn = SLOW_ROUNDS;
             }
             Some(ms)
         });
-        measured
-            .iter_mut()
-            .zip(of_eye)
-            .for_each(|(found, ms)| found.ms[number] = ms);
+        for (measurement, ms) in measured.iter_mut().zip(times) {
+            measurement.ms[number] = ms;
+        }
     }
-    for found in &mut measured {
-        found.depth_pixels_in /= found.pictures.iter().flatten().count().max(1) as f64;
+    for measurement in &mut measured {
+        let frames = measurement.pictures.iter().flatten().count();
+        measurement.depth_pixels_in /= frames.max(1) as f64;
     }
     measured
 }
 
-/// Comparisons of one contender's pictures with truth, by eye.
+/// Comparisons of one contender's frames with truth, by eye.
 type EyeComparisons = Vec<Option<Comparison>>;
 
-/// The rows of contenders that were measured with these truths, one for each role, groups together
-/// and in the order in which they first occur.
+/// Returns the rows of contenders measured against `truths`, one for each role, by group in the
+/// order of first occurrence.
 ///
 /// # Errors
-/// [`MetricError`] if a picture has not the size of its truth.
+/// [`MetricError`] if a frame and its truth differ in size.
 pub fn rows(
     scene: &str,
     contenders: &[Contender],
@@ -115,17 +110,19 @@ pub fn rows(
     eyes: &[Eye],
     truths: &[Truth],
 ) -> Result<Vec<Row>, MetricError> {
-    let judge = |found: &Measurement| -> Result<EyeComparisons, MetricError> {
-        let pairs = found.pictures.iter().zip(truths);
+    let compare = |measurement: &Measurement| -> Result<EyeComparisons, MetricError> {
+        let pairs = measurement.pictures.iter().zip(truths);
         pairs
-            .map(|(p, t)| {
-                p.as_ref()
-                    .map(|p| metrics::compare(&t.rgb(), &p.color))
+            .map(|(frame, truth)| {
+                let frame = frame.as_ref();
+                frame
+                    .map(|frame| metrics::compare(&truth.rgb(), &frame.color))
                     .transpose()
             })
             .collect()
     };
-    let judged: Vec<EyeComparisons> = measured.par_iter().map(judge).collect::<Result<_, _>>()?;
+    let comparisons: Vec<EyeComparisons> =
+        measured.par_iter().map(compare).collect::<Result<_, _>>()?;
     let mut rows = Vec::new();
     let mut groups: Vec<&str> = Vec::new();
     for role in contenders.iter().flat_map(|c| &c.roles) {
@@ -151,74 +148,72 @@ pub fn rows(
         let Some((baseline, _)) = baseline else {
             continue;
         };
-        // One set of eyes for all of a group, so that its rows can be compared.
+        // One set of eyes for the whole group, so that its rows can be compared.
         let set = in_group()
             .map(|(_, c)| c.eyes)
-            .reduce(|a, b| if a.holds(b) { b } else { a })
+            .reduce(|a, b| if a.contains(b) { b } else { a })
             .unwrap_or_default();
         for (index, contender) in in_group() {
             for role in contender.roles.iter().filter(|role| role.group == group) {
-                let view = View {
+                let errors = RowErrors {
                     eyes,
                     set,
                     truths,
-                    judged: &judged[index],
-                    found: &measured[index],
+                    comparisons: &comparisons[index],
+                    measurement: &measured[index],
                 };
-                let mut row = view.row(contender, &measured[baseline])?;
-                (row.scene, row.group, row.variant) =
-                    (scene.into(), group.into(), role.variant.clone());
-                row.baseline = index == baseline;
-                rows.push(row);
+                rows.push(Row {
+                    baseline: index == baseline,
+                    ..errors.row(scene, role, contender, &measured[baseline])?
+                });
             }
         }
     }
     Ok(rows)
 }
 
-/// One contender as the eyes of a row see it.
-struct View<'a> {
+/// Errors of one contender over the eyes of a row.
+struct RowErrors<'a> {
     eyes: &'a [Eye],
     set: EyeSet,
     truths: &'a [Truth],
-    judged: &'a EyeComparisons,
-    found: &'a Measurement,
+    comparisons: &'a EyeComparisons,
+    measurement: &'a Measurement,
 }
 
-impl View<'_> {
-    /// Numbers of the row's eyes, with what was found there.
-    fn counted(&self) -> impl Iterator<Item = (usize, &Comparison)> {
+impl RowErrors<'_> {
+    /// Iterates over the indices of the row's eyes and the comparisons there.
+    fn row_eyes(&self) -> impl Iterator<Item = (usize, &Comparison)> {
         let belongs = |(i, eye): (usize, &Eye)| eye.belongs_to(self.set).then_some(i);
         self.eyes
             .iter()
             .enumerate()
             .filter_map(belongs)
-            .filter_map(|i| Some((i, self.judged[i].as_ref()?)))
+            .filter_map(|i| Some((i, self.comparisons[i].as_ref()?)))
     }
 
-    fn row(&self, contender: &Contender, baseline: &Measurement) -> Result<Row, MetricError> {
+    fn row(
+        &self,
+        scene: &str,
+        role: &Role,
+        contender: &Contender,
+        baseline: &Measurement,
+    ) -> Result<Row, MetricError> {
         let ms = self
-            .counted()
-            .flat_map(|(i, _)| self.found.ms[i].iter().copied());
-        let spread = Spread::of(&ms.collect::<Vec<f64>>()).unwrap_or_default();
+            .row_eyes()
+            .flat_map(|(i, _)| self.measurement.ms[i].iter().copied());
+        let spread = Spread::from_values(&ms.collect::<Vec<f64>>()).unwrap_or_default();
         let ratios = self
-            .counted()
-            .filter_map(|(i, _)| Some(least(&self.found.ms[i])? / least(&baseline.ms[i])?));
-        let worst = self.counted().max_by(|a, b| a.1.flip.total_cmp(&b.1.flip));
-        let worst = worst.map_or(
-            WorstFrame {
-                eye: 0,
-                flip: 0.0,
-                psnr_db: 0.0,
-            },
-            |(eye, c)| WorstFrame {
-                eye,
-                flip: c.flip,
-                psnr_db: c.psnr_db,
-            },
-        );
+            .row_eyes()
+            .filter_map(|(i, _)| Some(least(&self.measurement.ms[i])? / least(&baseline.ms[i])?));
+        let worst = self.row_eyes().max_by(|a, b| a.1.flip.total_cmp(&b.1.flip));
+        let worst = worst.map(|(eye, c)| WorstFrame {
+            eye,
+            flip: c.flip,
+            psnr_db: c.psnr_db,
+        });
         let displacement = self
-            .counted()
+            .row_eyes()
             .filter_map(|(i, c)| match self.eyes[i].place {
                 Place::Line(share) => Some(DisplacementError {
                     share,
@@ -228,55 +223,56 @@ impl View<'_> {
                 _ => None,
             });
         let holes: Option<Vec<f64>> = self
-            .counted()
+            .row_eyes()
             .map(|(i, _)| {
-                self.found.pictures[i]
+                self.measurement.pictures[i]
                     .as_ref()?
                     .hole_fraction(&self.truths[i].frame.coverage)
             })
             .collect();
-        let to_baseline = self.counted().filter_map(|(i, _)| {
+        let to_baseline = self.row_eyes().filter_map(|(i, _)| {
             let [mine, theirs] =
-                [self.found, baseline].map(|m| m.pictures[i].as_ref().map(|p| &p.color));
+                [self.measurement, baseline].map(|m| m.pictures[i].as_ref().map(|p| &p.color));
             Some(metrics::psnr_db(theirs?, mine?))
         });
         let to_baseline: Vec<f64> = to_baseline.collect::<Result<_, _>>()?;
         Ok(Row {
-            scene: String::new(),
-            group: String::new(),
-            variant: String::new(),
-            baseline: false,
+            scene: scene.into(),
+            group: role.group.into(),
+            variant: role.variant.clone(),
+            baseline: role.baseline,
             traces: contender.traces,
             eyes: self.set,
             threads: contender.pool.current_num_threads(),
             ms_median: spread.median,
             ms_quartiles: spread.quartiles,
             time_ratio: median(ratios).unwrap_or(1.0),
-            depth_pixels_in: self.found.depth_pixels_in,
-            depth_pixels_m_per_s: self.found.depth_pixels_in / spread.median.max(1e-9) / 1e3,
+            depth_pixels_in: self.measurement.depth_pixels_in,
+            depth_pixels_m_per_s: self.measurement.depth_pixels_in / spread.median.max(1e-9) / 1e3,
             bytes: contender.bytes,
             depth_pixels: contender.depth_pixels,
             capture_s: contender.capture_s,
             rays: contender.rays,
-            flip: mean(self.counted().map(|(_, c)| c.flip)),
-            psnr_db: pooled_psnr_db(self.counted().map(|(_, c)| c.psnr_db)),
+            flip: mean(self.row_eyes().map(|(_, c)| c.flip)),
+            psnr_db: pooled_psnr_db(self.row_eyes().map(|(_, c)| c.psnr_db)),
             own_psnr_db: self.own_psnr_db()?,
-            ssim: mean(self.counted().map(|(_, c)| c.ssim)),
+            ssim: mean(self.row_eyes().map(|(_, c)| c.ssim)),
             hole_fraction: holes.map(mean),
-            worst,
+            worst: worst.unwrap_or_default(),
             flicker: self.flicker(),
             psnr_to_baseline_db: pooled_psnr_db(to_baseline),
             displacement: displacement.collect(),
         })
     }
 
-    /// PSNR of all eyes' frames without the noise of truth, where it can be told from none.
+    /// Returns the PSNR of the frames of all eyes without the noise of truth, if that error is
+    /// significant.
     fn own_psnr_db(&self) -> Result<Option<f64>, MetricError> {
-        /// Smallest number of standard errors.
-        const SURE: f64 = 5.0;
+        /// Smallest significant error, standard errors.
+        const SIGNIFICANT: f64 = 5.0;
         let pictures = self
-            .counted()
-            .filter_map(|(i, _)| Some((i, &self.found.pictures[i].as_ref()?.color)));
+            .row_eyes()
+            .filter_map(|(i, _)| Some((i, &self.measurement.pictures[i].as_ref()?.color)));
         let own = |(i, picture): (usize, &RgbImage)| {
             let [first, second] = &self.truths[i].halves();
             metrics::own_error([first, second], picture)
@@ -288,17 +284,17 @@ impl View<'_> {
             .map(|error| error.standard_error.powi(2))
             .sum();
         let standard_error = variance.sqrt() / errors.len() as f64;
-        Ok((mse > 0.0 && mse >= SURE * standard_error).then(|| psnr_of_mse(mse)))
+        Ok((mse > 0.0 && mse >= SIGNIFICANT * standard_error).then(|| psnr_from_mse(mse)))
     }
 
-    /// Root mean square change of the error (0..=1, with sign, per channel) from one eye of the
-    /// path to the next.
+    /// Returns the root mean square change of the error (0..=1, signed, per channel) between
+    /// neighbouring eyes of the path.
     fn flicker(&self) -> Option<f64> {
         let path: Vec<usize> = (0..self.eyes.len())
             .filter(|&i| self.eyes[i].place == Place::Path)
             .collect();
         let error = |i: usize| -> Option<Vec<f64>> {
-            let picture = self.found.pictures[i].as_ref()?;
+            let picture = self.measurement.pictures[i].as_ref()?;
             let truth = self.truths[i].rgb();
             let pairs = picture.color.as_raw().iter().zip(truth.as_raw());
             Some(
@@ -318,14 +314,14 @@ impl View<'_> {
 mod tests {
     use super::*;
     use crate::plan::{Plan, Quality};
-    use crate::report::contender::{Draw, Role};
+    use crate::report::contender::Draw;
     use glam::DVec3;
     use headbox_core::camera::Camera;
     use headbox_core::frame::{Coverage, Frame};
     use image::Rgb;
     use std::sync::Arc;
 
-    /// Draws grey.
+    /// Renderer of grey frames.
     struct Grey(u8);
 
     impl Draw for Grey {
@@ -335,11 +331,11 @@ mod tests {
             10
         }
 
-        fn picture(&mut self, camera: &Camera) -> JudgedFrame {
+        fn picture(&mut self, camera: &Camera) -> ContenderFrame {
             let color = RgbImage::from_pixel(camera.width(), camera.height(), Rgb([self.0; 3]));
-            JudgedFrame {
+            ContenderFrame {
                 color,
-                shown: Vec::new(),
+                origins: Vec::new(),
             }
         }
     }
@@ -351,7 +347,6 @@ mod tests {
                 .build()
                 .expect("a thread"),
         );
-        let draw = Box::new(Grey(level));
         Contender {
             roles,
             eyes,
@@ -361,12 +356,12 @@ mod tests {
             depth_pixels: 10,
             capture_s: None,
             rays: None,
-            draw,
+            draw: Box::new(Grey(level)),
         }
     }
 
     #[test]
-    fn rows_say_what_the_pictures_say() {
+    fn rows_match_analytic_errors() {
         let quality = Quality {
             frame_px: [12, 9],
             ..Quality::QUICK
@@ -426,14 +421,14 @@ mod tests {
                 && (rows[1].psnr_db - psnr(2.0)).abs() < 1e-9
         );
         assert!((rows[1].psnr_to_baseline_db - psnr(8.0)).abs() < 1e-9);
-        // The halves are three levels to either side, of every second eye four.
-        let judged = plan
+        // The halves differ from truth by three levels, at every second eye by four.
+        let error_eyes = plan
             .eyes
             .iter()
             .enumerate()
             .filter(|(_, eye)| eye.belongs_to(all));
-        let products = judged.map(|(i, _)| if i % 2 == 0 { 7.0 * 13.0 } else { 6.0 * 14.0 });
-        let own = psnr_of_mse(mean(products) / 255f64.powi(2));
+        let products = error_eyes.map(|(i, _)| if i % 2 == 0 { 7.0 * 13.0 } else { 6.0 * 14.0 });
+        let own = psnr_from_mse(mean(products) / 255f64.powi(2));
         assert!(
             rows[0]
                 .own_psnr_db

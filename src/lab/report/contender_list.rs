@@ -1,17 +1,20 @@
-//! Everything that is compared in a scene, made.
+//! Creation of all contenders of a scene.
 
-use super::captures::{Captures, DEFAULT, Made, PRIMITIVES, REPACKED};
+use super::captures::{
+    Captures, DEFAULT, PRIMITIVES, REPACKED, TimedCapture, pack, pack_planes, quantised,
+};
 use super::contender::{
-    BakedLight, BakedRays, Contender, CubeMapDraw, ExactDraw, FragmentDraw, LdiDraw, OracleDraw,
-    PathTraced, PointCloud, RasterDraw, Role, SpriteDraw, ViewDraw, WarpArithmetic, WarpOnly,
+    BakedLight, BakedRays, Contender, CubeMapDraw, Draw, ExactDraw, FragmentDraw, LdiDraw,
+    OracleDraw, PathTraced, PointCloud, RasterDraw, Role, SpriteDraw, ViewDraw, WarpArithmetic,
+    WarpOnly,
 };
 use super::subject::{ReportError, Subject};
 use super::wall::{WALL, Wall};
 use crate::cube_map::CubeMap;
-use crate::plan::EyeSet;
-use crate::plan::{Place, Plan};
+use crate::plan::{EyeSet, Place, Plan};
 use headbox_core::camera::Camera;
 use headbox_core::progress::{Progress, Silent};
+use headbox_cube::model::samples::CubeSamples;
 use headbox_cube::pack::{CubeLdi, ExactCube, SplatIndexLayout, Split};
 use headbox_cube::planes::DEFAULT_ERROR_PX;
 use headbox_cube::render::RenderSettings;
@@ -25,32 +28,32 @@ use rayon::{ThreadPool, ThreadPoolBuilder};
 use std::sync::{Arc, PoisonError};
 use std::time::Instant;
 
-/// The group of what clipping saves: the whole frame by one thread, as the papers warped it.
+/// Group of clipping: the whole frame is warped by one thread, as in the papers.
 pub(super) const CLIPPING: &str = "clipping (one band, 1 thread)";
 
-/// The group of ways in which threads share a frame.
+/// Group of the divisions of a frame among threads.
 const PARALLEL: &str = "threads share a frame by";
 
-/// The groups of forms of depth pixels, under two footprints: with the dearer one less depends on
-/// memory.
+/// Group of the formats of depth pixels.
 const PACKING: &str = "depth pixel";
-const OPAQUE_PACKING: &str = "depth pixel, opaque rectangles";
-/// The default form in both.
+/// Group of the formats of depth pixels with a cheaper footprint, where memory matters more.
+pub(super) const OPAQUE_PACKING: &str = "depth pixel, opaque rectangles";
+/// Name of the default format of depth pixels.
 const PACKED: &str = "8 bytes, 11 bits of normal";
 
-/// Name of the default capture.
+/// Name of the default capture with plane textures.
 pub(super) const WITH_PLANES: &str = "LDI, what is flat on planes";
 
-/// The default capture, as far as facts need it.
+/// The packed default capture.
 pub(super) struct DefaultCapture {
-    /// Cube without plane textures, to which most groups refer; or as it was given.
+    /// Cube without plane textures, used by most groups; or the given cube.
     pub(super) cube: Arc<CubeLdi>,
-    /// With what is flat on planes, if it was made here.
+    /// Cube with plane textures, `None` for a given cube.
     pub(super) with_planes: Option<Arc<CubeLdi>>,
 }
 
-/// The contenders of a scene as they gather.
-pub(super) struct ContenderField<'a> {
+/// List of the contenders of a scene.
+pub(super) struct ContenderList<'a> {
     subject: &'a Subject,
     plan: &'a Plan,
     wall: Option<Wall>,
@@ -59,63 +62,58 @@ pub(super) struct ContenderField<'a> {
     pub(super) contenders: Vec<Contender>,
 }
 
-impl<'a> ContenderField<'a> {
+impl<'a> ContenderList<'a> {
     pub(super) fn new(
         subject: &'a Subject,
         plan: &'a Plan,
         wall: Option<Wall>,
     ) -> Result<Self, ReportError> {
-        let pool = |threads| {
-            Ok::<_, ReportError>(Arc::new(
-                ThreadPoolBuilder::new().num_threads(threads).build()?,
-            ))
-        };
-        let (all, one) = (pool(rayon::current_num_threads())?, pool(1)?);
+        let pool = |threads| ThreadPoolBuilder::new().num_threads(threads).build();
         Ok(Self {
             subject,
             plan,
             wall,
-            all,
-            one,
+            all: Arc::new(pool(rayon::current_num_threads())?),
+            one: Arc::new(pool(1)?),
             contenders: Vec::new(),
         })
     }
 
-    /// All that apply to the subject; the capture that facts are about.
+    /// Adds all contenders that apply to the subject; returns the default capture.
     pub(super) fn add_all(
         &mut self,
         progress: &dyn Progress,
     ) -> Result<DefaultCapture, ReportError> {
-        let captures = Captures {
-            subject: self.subject,
-            plan: self.plan,
-        };
-        let default = match &self.subject.cube {
-            Some(cube) => {
-                let cube = Arc::new(cube.clone());
-                self.add_renderings(&cube, None, &[]);
-                DefaultCapture {
-                    cube,
-                    with_planes: None,
+        let default = if let Some(cube) = &self.subject.cube {
+            let cube = Arc::new(cube.clone());
+            self.add_renderings(&cube, None, &[]);
+            DefaultCapture {
+                cube,
+                with_planes: None,
+            }
+        } else {
+            let captures = Captures {
+                subject: self.subject,
+                plan: self.plan,
+            };
+            let capture = captures.capture(|_| {}, progress)?;
+            let cube = pack(&capture.ldi, Split::Auto)?;
+            let roles: &[_] = if self.plan.quality.variations {
+                &DEFAULT
+            } else {
+                &REPACKED
+            };
+            self.add_renderings(&cube, Some(capture.seconds), roles);
+            self.add_repacked(&capture)?;
+            let with_planes = Some(self.add_primitives(&capture)?);
+            if self.plan.quality.variations {
+                self.add_quantised(&capture.ldi, &cube);
+                for (roles, variation) in captures.variations(&capture, progress)? {
+                    let cube = pack(&variation.ldi, Split::Auto)?;
+                    self.add_ldi(roles, &cube, Some(variation.seconds));
                 }
             }
-            None => {
-                let made = captures.make(|_| {}, progress)?;
-                let cube = Arc::new(captures.pack(&made, Split::Auto)?);
-                let stands_for: &[_] = if self.plan.quality.variations {
-                    &DEFAULT
-                } else {
-                    &REPACKED
-                };
-                self.add_renderings(&cube, Some(made.seconds), stands_for);
-                self.add_repacked(&captures, &made)?;
-                let with_planes = Some(self.add_primitives(&captures, &made)?);
-                if self.plan.quality.variations {
-                    self.add_quantised(&made.ldi, &cube);
-                    self.add_captures(&captures, &made, progress)?;
-                }
-                DefaultCapture { cube, with_planes }
-            }
+            DefaultCapture { cube, with_planes }
         };
         self.add_without_representation(&default.cube, progress);
         self.add_lumigraphs(&default, progress)?;
@@ -124,7 +122,7 @@ impl<'a> ContenderField<'a> {
         Ok(default)
     }
 
-    /// The given view under each of its variants.
+    /// Adds the given view under each of its variants.
     fn add_view(&mut self) {
         let Some(view) = &self.subject.view else {
             return;
@@ -153,7 +151,13 @@ impl<'a> ContenderField<'a> {
         }
     }
 
-    /// A contender that draws a packed cube.
+    /// Adds a packed cube with the default settings of the renderer.
+    fn add_ldi(&mut self, roles: Vec<Role>, cube: &Arc<CubeLdi>, capture_s: Option<f64>) {
+        let contender = self.ldi(roles, cube, RenderSettings::default(), capture_s);
+        self.contenders.push(contender);
+    }
+
+    /// Returns a contender that draws a packed cube.
     fn ldi(
         &self,
         roles: Vec<Role>,
@@ -174,8 +178,8 @@ impl<'a> ContenderField<'a> {
         }
     }
 
-    /// The default capture under every setting of the renderer; `more`: other groups for which the
-    /// default stands.
+    /// Adds the default capture under every setting of the renderer; `more`: further roles of the
+    /// default settings.
     fn add_renderings(
         &mut self,
         cube: &Arc<CubeLdi>,
@@ -193,95 +197,77 @@ impl<'a> ContenderField<'a> {
             Role::baseline(PARALLEL, "bands of rows"),
             Role::baseline(PACKING, PACKED),
         ];
-        roles.extend(more.iter().map(|&(group, variant, baseline)| Role {
-            group,
-            variant: variant.into(),
-            baseline,
-        }));
-        self.contenders
-            .push(self.ldi(roles, cube, default, capture_s));
-        let kernel = |kernel| RenderSettings { kernel, ..default };
-        let paper = vec![
-            Role::other("representation", "LDI, paper's splats"),
-            Role::other("footprints", "squares of 4 integer sizes (paper)"),
-        ];
-        self.contenders
-            .push(self.ldi(paper, cube, kernel(SplatKernel::Paper), capture_s));
-        let opaque = vec![
-            Role::other("representation", "LDI, opaque rectangles"),
-            Role::other("footprints", "opaque rectangles of exact size"),
-            Role::baseline(OPAQUE_PACKING, PACKED),
-        ];
-        self.contenders
-            .push(self.ldi(opaque, cube, kernel(SplatKernel::Opaque), capture_s));
-        for (kind, name) in [
+        roles.extend(
+            more.iter()
+                .map(|&(group, variant, baseline)| Role::new(group, variant, baseline)),
+        );
+        self.add_ldi(roles, cube, capture_s);
+        let footprint = |name| Role::other("footprints", name);
+        for (kernel, roles) in [
+            (
+                SplatKernel::Paper,
+                vec![
+                    Role::other("representation", "LDI, paper's splats"),
+                    footprint("squares of 4 integer sizes (paper)"),
+                ],
+            ),
+            (
+                SplatKernel::Opaque,
+                vec![
+                    Role::other("representation", "LDI, opaque rectangles"),
+                    footprint("opaque rectangles of exact size"),
+                    Role::baseline(OPAQUE_PACKING, PACKED),
+                ],
+            ),
             (
                 SplatKernel::Ellipse,
-                "elliptical Gaussians in floating point",
+                vec![footprint("elliptical Gaussians in floating point")],
             ),
-            (SplatKernel::Point, "single pixels"),
-            (SplatKernel::Square3, "3x3 px, whatever their size"),
+            (SplatKernel::Point, vec![footprint("single pixels")]),
+            (
+                SplatKernel::Square3,
+                vec![footprint("3x3 px, whatever their size")],
+            ),
         ] {
-            self.contenders.push(self.ldi(
-                vec![Role::other("footprints", name)],
-                cube,
-                kernel(kind),
-                capture_s,
-            ));
+            let settings = RenderSettings { kernel, ..default };
+            let contender = self.ldi(roles, cube, settings, capture_s);
+            self.contenders.push(contender);
         }
         for (unclipped, name) in [(false, "on"), (true, "off")] {
-            // In bands, a frame without clipping would warp every depth pixel once for each.
-            let band_rows = self.plan.quality.frame_px[1];
-            let role = Role {
-                group: CLIPPING,
-                variant: name.into(),
-                baseline: !unclipped,
+            let settings = RenderSettings {
+                unclipped,
+                // One band: without clipping, each band would warp every depth pixel.
+                band_rows: self.plan.quality.frame_px[1],
+                ..default
             };
-            let like = self.ldi(
-                vec![role],
-                cube,
-                RenderSettings {
-                    unclipped,
-                    band_rows,
-                    ..default
-                },
-                capture_s,
-            );
+            let role = Role::new(CLIPPING, name, !unclipped);
             self.contenders.push(Contender {
                 pool: Arc::clone(&self.one),
-                ..like
+                ..self.ldi(vec![role], cube, settings, capture_s)
             });
         }
         for (count, name) in [
             (0, "fragments along epipolar lines, one a thread"),
             (8, "eight such fragments"),
         ] {
-            let like = self.ldi(vec![Role::other(PARALLEL, name)], cube, default, capture_s);
-            let draw = Box::new(FragmentDraw::new(Arc::clone(cube), count));
-            self.contenders.push(Contender { draw, ..like });
+            let role = Role::other(PARALLEL, name);
+            self.contenders.push(Contender {
+                draw: Box::new(FragmentDraw::new(Arc::clone(cube), count)),
+                ..self.ldi(vec![role], cube, default, capture_s)
+            });
         }
-        let one = self.ldi(
-            vec![Role::baseline("threads", "1 thread")],
-            cube,
-            default,
-            capture_s,
-        );
+        let role = Role::baseline("threads", "1 thread");
         self.contenders.push(Contender {
             pool: Arc::clone(&self.one),
-            ..one
+            ..self.ldi(vec![role], cube, default, capture_s)
         });
         for (stamp, name) in [(1, "points, 1 px"), (3, "points, 3x3 px")] {
             let points = PointCloud::new(cube, stamp);
-            let like = self.ldi(
-                vec![Role::other("representation", name)],
-                cube,
-                default,
-                capture_s,
-            );
+            let role = Role::other("representation", name);
             self.contenders.push(Contender {
                 bytes: points.bytes(),
                 draw: Box::new(points),
-                ..like
+                ..self.ldi(vec![role], cube, default, capture_s)
             });
         }
         for (arithmetic, name) in [
@@ -295,37 +281,27 @@ impl<'a> ContenderField<'a> {
                 "from an anchor every 64 columns, in f32",
             ),
         ] {
-            let baseline = arithmetic == WarpArithmetic::Direct;
-            let role = Role {
-                group: "incremental warp (single pixels, 1 thread)",
-                variant: name.into(),
-                baseline,
-            };
-            let like = self.ldi(vec![role], cube, default, capture_s);
-            let draw = Box::new(WarpOnly::new(Arc::clone(cube), arithmetic));
+            let group = "incremental warp (single pixels, 1 thread)";
+            let role = Role::new(group, name, arithmetic == WarpArithmetic::Direct);
             self.contenders.push(Contender {
                 pool: Arc::clone(&self.one),
-                draw,
-                ..like
+                draw: Box::new(WarpOnly::new(Arc::clone(cube), arithmetic)),
+                ..self.ldi(vec![role], cube, default, capture_s)
             });
         }
     }
 
-    /// The default capture, packed otherwise.
-    fn add_repacked(&mut self, captures: &Captures, made: &Made) -> Result<(), ReportError> {
-        let whole = Arc::new(captures.pack(made, Split::None)?);
+    /// Adds the default capture packed with other settings.
+    fn add_repacked(&mut self, capture: &TimedCapture) -> Result<(), ReportError> {
+        let capture_s = Some(capture.seconds);
+        let unsplit = pack(&capture.ldi, Split::None)?;
         let roles = vec![Role::other("near/far split", "none")];
-        self.contenders.push(self.ldi(
-            roles,
-            &whole,
-            RenderSettings::default(),
-            Some(made.seconds),
-        ));
+        self.add_ldi(roles, &unsplit, capture_s);
         for (group, kernel) in [
             (PACKING, SplatKernel::Tent),
             (OPAQUE_PACKING, SplatKernel::Opaque),
         ] {
-            let exact = ExactCube::pack(&made.ldi, SplatIndexLayout::Normal, Split::Auto)?;
+            let exact = ExactCube::pack(&capture.ldi, SplatIndexLayout::Normal, Split::Auto)?;
             let settings = RenderSettings {
                 kernel,
                 ..RenderSettings::default()
@@ -336,22 +312,14 @@ impl<'a> ContenderField<'a> {
                 .iter()
                 .map(|s| size_of_val(&s.depth_pixels[..]))
                 .sum();
-            let like = self.ldi(
-                vec![Role::other(group, "24 bytes, nothing quantised")],
-                &whole,
-                settings,
-                None,
-            );
-            let bytes = (exact.cube.bytes() - packed_bytes + exact.depth_pixel_bytes()) as u64;
-            let draw = Box::new(ExactDraw::new(exact, settings));
+            let role = Role::other(group, "24 bytes, nothing quantised");
             self.contenders.push(Contender {
-                bytes,
-                capture_s: Some(made.seconds),
-                draw,
-                ..like
+                bytes: (exact.cube.bytes() - packed_bytes + exact.depth_pixel_bytes()) as u64,
+                draw: Box::new(ExactDraw::new(exact, settings)),
+                ..self.ldi(vec![role], &unsplit, settings, capture_s)
             });
         }
-        let paper = CubeLdi::pack(&made.ldi, SplatIndexLayout::Paper, Split::Auto)?;
+        let paper = CubeLdi::pack(&capture.ldi, SplatIndexLayout::Paper, Split::Auto)?;
         let roles = vec![
             Role::other(
                 "normal in the splat index",
@@ -359,90 +327,43 @@ impl<'a> ContenderField<'a> {
             ),
             Role::other(PACKING, "8 bytes, 6 bits of normal and 5 of depth (paper)"),
         ];
-        self.contenders.push(self.ldi(
-            roles,
-            &Arc::new(paper),
-            RenderSettings::default(),
-            Some(made.seconds),
-        ));
+        self.add_ldi(roles, &Arc::new(paper), capture_s);
         Ok(())
     }
 
-    /// The default capture with what is flat as pictures on planes, within several bounds; that of
+    /// Adds the default capture with plane textures within several error bounds; returns that of
     /// the default bound.
-    fn add_primitives(
-        &mut self,
-        captures: &Captures,
-        made: &Made,
-    ) -> Result<Arc<CubeLdi>, ReportError> {
-        let default = captures.pack_planes(made, DEFAULT_ERROR_PX)?;
+    fn add_primitives(&mut self, capture: &TimedCapture) -> Result<Arc<CubeLdi>, ReportError> {
+        let default = pack_planes(&capture.ldi, DEFAULT_ERROR_PX)?;
         let within =
             |error_px: f64| Role::other(PRIMITIVES, format!("planes within {error_px} px"));
         let roles = vec![
             Role::other("representation", WITH_PLANES),
             within(DEFAULT_ERROR_PX),
         ];
-        self.contenders.push(self.ldi(
-            roles,
-            &default,
-            RenderSettings::default(),
-            Some(made.seconds),
-        ));
+        self.add_ldi(roles, &default, Some(capture.seconds));
         for error_px in [0.25, 1.0, 2.0] {
-            let cube = captures.pack_planes(made, error_px)?;
-            let settings = RenderSettings::default();
-            self.contenders.push(self.ldi(
-                vec![within(error_px)],
-                &cube,
-                settings,
-                Some(made.seconds),
-            ));
+            let cube = pack_planes(&capture.ldi, error_px)?;
+            self.add_ldi(vec![within(error_px)], &cube, Some(capture.seconds));
         }
         Ok(default)
     }
 
-    /// Adds rows that measure the cost of quantisation, one quantity at a time, with the renderer
-    /// that needs none.
-    fn add_quantised(
-        &mut self,
-        ldi: &headbox_cube::model::samples::CubeSamples,
-        cube: &Arc<CubeLdi>,
-    ) {
-        for (variant, baseline, edited) in super::captures::quantised(ldi, cube) {
-            let like = self.ldi(vec![], cube, RenderSettings::default(), None);
+    /// Adds contenders that measure the cost of quantisation, one quantity at a time, with the
+    /// reference renderer, which quantises nothing.
+    fn add_quantised(&mut self, ldi: &CubeSamples, cube: &Arc<CubeLdi>) {
+        for (variant, baseline, edited) in quantised(ldi, cube) {
+            let role = Role::new("quantisation (direct warp in f64)", variant, baseline);
             self.contenders.push(Contender {
-                roles: vec![Role {
-                    group: "quantisation (direct warp in f64)",
-                    variant: variant.into(),
-                    baseline,
-                }],
                 eyes: EyeSet::Ahead,
                 pool: Arc::clone(&self.one),
                 draw: Box::new(OracleDraw::new(edited)),
-                ..like
+                ..self.ldi(vec![role], cube, RenderSettings::default(), None)
             });
         }
     }
 
-    /// Other captures of the scene.
-    fn add_captures(
-        &mut self,
-        captures: &Captures,
-        default: &Made,
-        progress: &dyn Progress,
-    ) -> Result<(), ReportError> {
-        for (roles, made) in captures.variations(default, progress)? {
-            let cube = Arc::new(captures.pack(&made, Split::Auto)?);
-            self.contenders.push(self.ldi(
-                roles,
-                &cube,
-                RenderSettings::default(),
-                Some(made.seconds),
-            ));
-        }
-        Ok(())
-    }
-
+    /// Returns the cameras of the eyes in `set` and of the path.
     fn cameras(&self, set: EyeSet) -> Vec<Camera> {
         self.plan
             .eyes
@@ -452,39 +373,29 @@ impl<'a> ContenderField<'a> {
             .collect()
     }
 
-    /// Adds alternatives without a representation.
+    /// Adds alternatives that draw the scene itself, or a cube map.
     fn add_without_representation(&mut self, cube: &Arc<CubeLdi>, progress: &dyn Progress) {
         let quality = self.plan.quality;
         let (tracer, lighting) = (&self.subject.tracer, &self.subject.lighting);
-        let like = |name: &str| Contender {
+        let all = Arc::clone(&self.all);
+        let contender = |name: String, draw: Box<dyn Draw + Send>| Contender {
             roles: vec![Role::other("representation", name)],
             eyes: EyeSet::All,
-            traces: false,
-            pool: Arc::clone(&self.all),
+            traces: true,
+            pool: Arc::clone(&all),
             bytes: tracer.scene().bytes(),
             depth_pixels: 0,
             capture_s: None,
             rays: None,
-            draw: Box::new(PathTraced::new(
-                Arc::clone(tracer),
-                lighting.clone(),
-                self.subject.lit,
-                2,
-            )),
+            draw,
         };
-        let path_traced = |samples| Contender {
-            traces: true,
-            draw: Box::new(PathTraced::new(
-                Arc::clone(tracer),
-                lighting.clone(),
-                self.subject.lit,
-                samples,
-            )),
-            ..like(&format!("path tracing, {samples} rays/px"))
-        };
-        let mut found = vec![path_traced(2)];
-        if quality.variations {
-            found.push(path_traced(8));
+        let path_samples: &[u32] = if quality.variations { &[2, 8] } else { &[2] };
+        for &samples in path_samples {
+            let (tracer, lit) = (Arc::clone(tracer), self.subject.lit);
+            self.contenders.push(contender(
+                format!("path tracing, {samples} rays/px"),
+                Box::new(PathTraced::new(tracer, lighting.clone(), lit, samples)),
+            ));
         }
         let cameras = self.cameras(EyeSet::All);
         let (face_px, samples) = (cube.face_size_px, quality.baked_samples);
@@ -498,13 +409,11 @@ impl<'a> ContenderField<'a> {
             samples,
             progress,
         );
-        let capture_s = Some(start.elapsed().as_secs_f64());
-        let bytes = map.bytes();
-        found.push(Contender {
-            bytes,
-            capture_s,
-            draw: Box::new(CubeMapDraw::new(Arc::new(map))),
-            ..like("cube map")
+        self.contenders.push(Contender {
+            traces: false,
+            bytes: map.bytes(),
+            capture_s: Some(start.elapsed().as_secs_f64()),
+            ..contender("cube map".into(), Box::new(CubeMapDraw::new(Arc::new(map))))
         });
         if self.subject.lit {
             let start = Instant::now();
@@ -515,26 +424,23 @@ impl<'a> ContenderField<'a> {
             let bytes = tracer.scene().bytes() + baked.bytes();
             let baked = Arc::new(baked);
             let rays = Box::new(BakedRays::new(Arc::clone(&baked)));
-            found.push(Contender {
-                traces: true,
+            self.contenders.push(Contender {
                 bytes,
                 capture_s,
-                draw: rays,
-                ..like("1 ray/px, baked light")
+                ..contender("1 ray/px, baked light".into(), rays)
             });
-            let raster = Box::new(RasterDraw::new(baked));
-            found.push(Contender {
-                traces: true,
+            self.contenders.push(Contender {
                 bytes,
                 capture_s,
-                draw: raster,
-                ..like("rasterised, baked light")
+                ..contender(
+                    "rasterised, baked light".into(),
+                    Box::new(RasterDraw::new(baked)),
+                )
             });
         }
-        self.contenders.extend(found);
     }
 
-    /// Lumigraphs of a wall of cameras, beside the LDI.
+    /// Adds lumigraphs of a camera wall, and the LDI for comparison.
     fn add_lumigraphs(
         &mut self,
         default: &DefaultCapture,
@@ -544,44 +450,42 @@ impl<'a> ContenderField<'a> {
             return Ok(());
         };
         let lumigraphs = wall.contenders(self.subject, self.plan, &self.all, progress)?;
-        let of_wall = |role, cube| Contender {
+        let at_wall = |role, cube| Contender {
             eyes: EyeSet::Wall,
             ..self.ldi(vec![role], cube, RenderSettings::default(), None)
         };
-        let samples = of_wall(Role::baseline(WALL, "LDI"), &default.cube);
+        let samples = at_wall(Role::baseline(WALL, "LDI"), &default.cube);
         let planes = default
             .with_planes
             .as_ref()
-            .map(|cube| of_wall(Role::other(WALL, WITH_PLANES), cube));
-        self.contenders
-            .extend([samples].into_iter().chain(planes).chain(lumigraphs));
+            .map(|cube| at_wall(Role::other(WALL, WITH_PLANES), cube));
+        self.contenders.push(samples);
+        self.contenders.extend(planes);
+        self.contenders.extend(lumigraphs);
         Ok(())
     }
 
-    /// Sprites that look ahead, by the paper's variants.
+    /// Adds sprites with depth in the paper's variants.
     fn add_sprites(&mut self, cube: &Arc<CubeLdi>) -> Result<(), ReportError> {
         let start = Instant::now();
         let given = self.subject.sprites.as_ref();
-        let Some(floats) = (match given {
+        let Some(sprites) = (match given {
             Some(set) => Some(set.clone()),
             None => self.capture_sprites()?,
         }) else {
             return Ok(());
         };
         let capture_s = given.is_none().then(|| start.elapsed().as_secs_f64());
-        if floats.sprites().is_empty() {
+        if sprites.sprites().is_empty() {
             return Ok(());
         }
         let layers = |set: SpriteSet| (set.bytes(), Arc::new(Composition::new(set, Vec::new())));
-        // Sprites that are given stay as they are.
-        let stored = |format| {
-            if given.is_some() {
-                Ok(floats.clone())
-            } else {
-                stored_as(&floats, format)
-            }
-        };
-        let default = layers(stored(DisplacementFormat::I8)?);
+        // Given sprites keep their format.
+        let default = layers(if given.is_some() {
+            sprites.clone()
+        } else {
+            converted(&sprites, DisplacementFormat::I8)?
+        });
         let contender = |roles: Vec<Role>,
                          (bytes, layers): &(u64, Arc<Composition>),
                          options: RenderOptions| Contender {
@@ -611,11 +515,7 @@ impl<'a> ContenderField<'a> {
             SpriteVariant::ShiftField,
             SpriteVariant::AsPrinted,
         ] {
-            let mut roles = vec![Role {
-                group: "sprites",
-                variant: variant.name().into(),
-                baseline: false,
-            }];
+            let mut roles = vec![Role::other("sprites", variant.name())];
             if variant == SpriteVariant::TwoPass {
                 roles.push(Role::baseline("sprite displacement", "8 bits"));
                 roles.push(Role::baseline("sprite gap filling", "3 steps"));
@@ -632,12 +532,11 @@ impl<'a> ContenderField<'a> {
             SpriteVariant::OnePass,
             SpriteVariant::TwoPass,
         ] {
-            let baseline = variant == SpriteVariant::Homography;
-            let mut roles = vec![Role {
-                group: "sprites, nearest sampling",
-                variant: variant.name().into(),
-                baseline,
-            }];
+            let mut roles = vec![Role::new(
+                "sprites, nearest sampling",
+                variant.name(),
+                variant == SpriteVariant::Homography,
+            )];
             if variant == SpriteVariant::TwoPass {
                 roles.push(Role::other("sprite sampling", "nearest"));
             }
@@ -665,31 +564,22 @@ impl<'a> ContenderField<'a> {
                 },
             ));
         }
-        for (format, name) in [
-            (DisplacementFormat::I16, "16 bits"),
-            (DisplacementFormat::F32, "32-bit float"),
-        ] {
-            if given.is_none() {
-                let layers = layers(stored(format)?);
-                found.push(contender(
-                    vec![Role::other("sprite displacement", name)],
-                    &layers,
-                    options,
-                ));
+        if given.is_none() {
+            for (format, name) in [
+                (DisplacementFormat::I16, "16 bits"),
+                (DisplacementFormat::F32, "32-bit float"),
+            ] {
+                let role = Role::other("sprite displacement", name);
+                let layers = layers(converted(&sprites, format)?);
+                found.push(contender(vec![role], &layers, options));
             }
         }
-        let ldi = self.ldi(
-            vec![Role::baseline("sprites", "LDI")],
-            cube,
-            RenderSettings::default(),
-            None,
-        );
-        self.contenders.push(ldi);
+        self.add_ldi(vec![Role::baseline("sprites", "LDI")], cube, None);
         self.contenders.extend(found);
         Ok(())
     }
 
-    /// Sprites as seen from the centre, ahead, wider than the frames.
+    /// Captures sprites from the centre, looking ahead, with a wider view than the frames.
     fn capture_sprites(&self) -> Result<Option<SpriteSet>, ReportError> {
         const MARGIN: f64 = 1.5;
         const LAYERS: usize = 4;
@@ -704,7 +594,7 @@ impl<'a> ContenderField<'a> {
         let camera = &first.camera;
         let [width, height] =
             [camera.width(), camera.height()].map(|side| (f64::from(side) * MARGIN) as u32);
-        let taken = Camera::from_parts(
+        let wider = Camera::from_parts(
             camera.eye(),
             camera.world_from_eye(),
             camera.focal_px(),
@@ -717,16 +607,15 @@ impl<'a> ContenderField<'a> {
             lit,
             ..
         } = self.subject;
-        let (samples, format) = (self.plan.quality.baked_samples, DisplacementFormat::F32);
         let capture = SlabCapture {
             tracer,
             lighting,
             lit: *lit,
-            samples,
-            format,
+            samples: self.plan.quality.baked_samples,
+            format: DisplacementFormat::F32,
         };
-        let slabs = slabs_at_gaps(tracer, &taken, LAYERS);
-        let mut set = SpriteSet::new(capture_slabs(&capture, &taken, &slabs, &Silent)?);
+        let slabs = slabs_at_gaps(tracer, &wider, LAYERS);
+        let mut set = SpriteSet::new(capture_slabs(&capture, &wider, &slabs, &Silent)?);
         if lighting.sky.is_some() {
             set.environment = lighting.environment_where(128, |_| true);
         }
@@ -734,8 +623,8 @@ impl<'a> ContenderField<'a> {
     }
 }
 
-/// The same sprites, their displacements stored otherwise.
-fn stored_as(set: &SpriteSet, format: DisplacementFormat) -> Result<SpriteSet, ReportError> {
+/// Returns the sprites with their displacements in another format.
+fn converted(set: &SpriteSet, format: DisplacementFormat) -> Result<SpriteSet, ReportError> {
     let convert = |prepared: &PreparedSprite| {
         let (sprite, d) = (prepared.sprite().sprite(), prepared.sprite().displacement());
         let (width, height) = d.size();

@@ -1,6 +1,6 @@
-//! Numbers and lists as a sentence has them.
+//! Formats of numbers and lists in sentences.
 
-/// A ratio of times.
+/// Formats a ratio of times.
 pub(super) fn times(ratio: f64) -> String {
     if (0.97..1.03).contains(&ratio) {
         "the same time".into()
@@ -11,7 +11,7 @@ pub(super) fn times(ratio: f64) -> String {
     }
 }
 
-/// A number of milliseconds.
+/// Formats a time in milliseconds.
 pub(super) fn ms(ms: f64) -> String {
     if ms < 10.0 {
         format!("{ms:.2} ms")
@@ -20,7 +20,7 @@ pub(super) fn ms(ms: f64) -> String {
     }
 }
 
-/// A number of bytes.
+/// Formats a number of bytes.
 pub(super) fn bytes(bytes: u64) -> String {
     let kilobytes = bytes as f64 / 1e3;
     if kilobytes < 999.5 {
@@ -30,7 +30,7 @@ pub(super) fn bytes(bytes: u64) -> String {
     }
 }
 
-/// `a`, `a and b`, `a, b and c`.
+/// Joins items as `a`, `a and b`, `a, b and c`.
 pub(super) fn list(mut items: Vec<String>) -> String {
     match (items.pop(), items.is_empty()) {
         (Some(last), false) => format!("{} and {last}", items.join(", ")),
