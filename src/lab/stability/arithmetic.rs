@@ -1,11 +1,12 @@
-//! f32 against f64, quantisation, rays at edges.
+//! Cases of arithmetic: f32 against f64, quantisation, rays at edges.
 
 use super::Case;
-use super::bed::{Dice, ROOM, largest, ldi_of, look, pack, sample};
+use super::fixtures::{ROOM, build_ldi, case_rng, largest, look_along, pack, sample};
 use glam::{DVec3, Vec3};
 use headbox_core::camera::Camera;
 use headbox_core::cube_face::Face;
 use headbox_core::depth_kind::DepthKind;
+use headbox_core::random::Rng;
 use headbox_cube::pack::INVERSE_DEPTH_CODE_MAX;
 use headbox_cube::render::setup::transfer::Transfer;
 use headbox_scene::material::Material;
@@ -32,10 +33,10 @@ pub(super) fn cases() -> Vec<Case> {
             bound: 1000.0 * 0.5 * 2.0 / 1_048_575.0 / 2.0 * 1.01,
             reason: "Half a step of the segment's range (at most 1 / near = 2 per metre) times f times the displacement (C30); 1 % for f32 ends of the range.",
             measure: |seed| {
-                let mut dice = Dice::new(seed, 42);
+                let mut rng = case_rng(seed, 42);
                 const SIZE: u32 = 24;
-                let ldi = ldi_of(SIZE, &Face::ALL, |face, _, _| {
-                    vec![sample(face, dice.between(0.001, 2.0), [9; 3])]
+                let ldi = build_ldi(SIZE, &Face::ALL, |face, _, _| {
+                    vec![sample(face, rng.between(0.001, 2.0), [9; 3])]
                 });
                 let cube = pack(&ldi)?;
                 largest(cube.segments.iter().flat_map(|segment| {
@@ -71,11 +72,11 @@ pub(super) fn cases() -> Vec<Case> {
                     {
                         return Some(f64::INFINITY);
                     }
-                    let off =
+                    let near_error =
                         segment.inverse_depth(most) / f64::from(segment.inverse_depth_max) - 1.0;
-                    let off_far =
+                    let far_error =
                         segment.inverse_depth(least) / f64::from(segment.inverse_depth_min) - 1.0;
-                    Some(off.abs().max(off_far.abs()))
+                    Some(near_error.abs().max(far_error.abs()))
                 }))
             },
         },
@@ -86,9 +87,9 @@ pub(super) fn cases() -> Vec<Case> {
             bound: 1.001,
             reason: "Half a step of the largest / 127 (C30): 0.04 px at 10 px of parallax, 0.79 at 200.",
             measure: |seed| {
-                let mut dice = Dice::new(seed, 43);
-                let size = 10f64.powf(dice.between(-6.0, 3.0));
-                let values: Vec<f32> = (0..400).map(|_| dice.between(-size, size) as f32).collect();
+                let mut rng = case_rng(seed, 43);
+                let size = 10f64.powf(rng.between(-6.0, 3.0));
+                let values: Vec<f32> = (0..400).map(|_| rng.between(-size, size) as f32).collect();
                 let stored = Displacement::new(20, 20, &values, DisplacementFormat::I8).ok()?;
                 let largest_value = values.iter().fold(0.0f32, |m, v| m.max(v.abs()));
                 largest(values.iter().enumerate().map(|(i, v)| {
@@ -139,9 +140,9 @@ pub(super) fn cases() -> Vec<Case> {
             bound: 0.0,
             reason: "Which way a buffer runs cannot be seen from its values and is said beside them: a range that is none is an error that names it.",
             measure: |seed| {
-                let near = Dice::new(seed, 48).between(1e-3, 10.0);
-                let camera = look(DVec3::ZERO, DVec3::NEG_Z, 60.0, [8, 8]).ok()?;
-                let (far, never) = (near * 100.0, f64::NAN);
+                let near = case_rng(seed, 48).between(1e-3, 10.0);
+                let camera = look_along(DVec3::ZERO, DVec3::NEG_Z, 60.0, [8, 8]).ok()?;
+                let far = near * 100.0;
                 let ranges = [
                     (far, near),
                     (near, near),
@@ -150,15 +151,15 @@ pub(super) fn cases() -> Vec<Case> {
                     (near, -far),
                     (near, 0.0),
                     (f64::INFINITY, near),
-                    (never, far),
-                    (near, never),
+                    (f64::NAN, far),
+                    (near, f64::NAN),
                 ];
                 let plane = Some(SpritePlane::parallel_to_image(&camera, near * 2.0));
                 let accepted = |kind| {
-                    let is_taken = |range: &&(f64, f64)| {
-                        window_import_on(camera, &[0.5; 64], kind, **range, plane).is_some()
+                    let is_accepted = |range: &&(f64, f64)| {
+                        import_window_depth(camera, &[0.5; 64], kind, **range, plane).is_some()
                     };
-                    ranges.iter().filter(is_taken).count()
+                    ranges.iter().filter(is_accepted).count()
                 };
                 let kinds = [DepthKind::WindowDepth, DepthKind::ReversedWindowDepth];
                 Some(kinds.map(accepted).iter().sum::<usize>() as f64)
@@ -171,8 +172,8 @@ pub(super) fn cases() -> Vec<Case> {
             bound: 0.0,
             reason: "The far plane is background, and the rest is no depth.",
             measure: |seed| {
-                let mut dice = Dice::new(seed, 45);
-                let camera = look(DVec3::ZERO, DVec3::NEG_Z, 60.0, [8, 8]).ok()?;
+                let mut rng = case_rng(seed, 45);
+                let camera = look_along(DVec3::ZERO, DVec3::NEG_Z, 60.0, [8, 8]).ok()?;
                 largest(
                     [
                         (DepthKind::WindowDepth, 1.0),
@@ -185,19 +186,19 @@ pub(super) fn cases() -> Vec<Case> {
                                 if i % 2 == 0 {
                                     0.5
                                 } else {
-                                    background[dice.below(5) as usize]
+                                    background[rng.below(5) as usize]
                                 }
                             })
                             .collect();
-                        let sprite = window_import(camera, &depth, kind, (0.5, 20.0))?;
-                        // Unknown depths take those of their neighbours: all are those of 0.5.
+                        let sprite = import_at_middle(camera, &depth, kind, (0.5, 20.0))?;
+                        // Unknown depths are filled from their neighbours: all depths are those of 0.5.
                         let known = sprite.eye_depth(0, 0)?;
-                        let off = |i: u32| {
+                        let is_wrong = |i: &u32| {
                             sprite
                                 .eye_depth(i % 8, i / 8)
                                 .is_none_or(|z| (z / known - 1.0).abs() > 1e-3)
                         };
-                        Some((0..64).filter(|i| off(*i)).count() as f64)
+                        Some((0..64).filter(is_wrong).count() as f64)
                     }),
                 )
             },
@@ -225,50 +226,50 @@ pub(super) fn cases() -> Vec<Case> {
             bound: 2e-4,
             reason: "One pixel of 10,000 may count for no more than its share, 1e-4, spread over the filters' support; cancellation would show as more.",
             measure: |seed| {
-                let mut dice = Dice::new(seed, 47);
+                let mut rng = case_rng(seed, 47);
                 let image = image::RgbImage::from_fn(100, 100, |x, y| {
                     image::Rgb([(x * 2) as u8, (y * 2) as u8, ((x * y) % 251) as u8])
                 });
                 let mut other = image.clone();
-                let pixel = other.get_pixel_mut(dice.below(100), dice.below(100));
-                pixel.0[1] ^= 1;
-                let found = headbox_core::metrics::compare(&image, &other).ok()?;
-                Some(found.flip.max(1.0 - found.ssim))
+                let [x, y] = [0, 1].map(|_| rng.below(100) as u32);
+                other.get_pixel_mut(x, y).0[1] ^= 1;
+                let comparison = headbox_core::metrics::compare(&image, &other).ok()?;
+                Some(comparison.flip.max(1.0 - comparison.ssim))
             },
         },
     ]
 }
 
+/// Returns the largest position error of the incremental f32 warp, px.
 fn f32_along_rows(seed: u64) -> Option<f64> {
     const SIZE: u32 = 4096;
     const BLOCK: u32 = headbox_cube::pack::blocks::BLOCK_COLUMNS;
-    let mut dice = Dice::new(seed, 41);
-    let eye = dice.in_cube(0.5);
-    let face = Face::ALL[dice.below(6) as usize];
-    let forward = (face.normal() + dice.in_cube(0.3)).normalize();
-    let camera = look(eye, forward, 90.0, [SIZE, SIZE]).ok()?;
+    let mut rng = case_rng(seed, 41);
+    let eye = rng.in_cube(0.5);
+    let face = Face::ALL[rng.below(6) as usize];
+    let forward = (face.normal() + rng.in_cube(0.3)).normalize();
+    let camera = look_along(eye, forward, 90.0, [SIZE, SIZE]).ok()?;
     let transfer = Transfer::new(&camera, eye, face, SIZE);
     let (min, step) = (0.01, 1.2 / f64::from(INVERSE_DEPTH_CODE_MAX));
     let mut worst = 0.0f64;
-    for row in [0, 1023, 2048, dice.below(SIZE), SIZE - 1] {
+    for row in [0, 1023, 2048, rng.below(SIZE.into()) as u32, SIZE - 1] {
         for column in (0..SIZE).step_by(3) {
             let block = column - column % BLOCK;
-            let at = transfer.anchor(block, row, min, step);
+            let row_transfer = transfer.anchor(block, row, min, step);
             for code in [0, 77_777, INVERSE_DEPTH_CODE_MAX] {
                 let k = (column - block) as f32;
-                let found = (at.anchor + at.step * k) + at.per_code * code as f32;
+                let warped = (row_transfer.anchor + row_transfer.step * k)
+                    + row_transfer.per_code * code as f32;
                 let exact = transfer.map_infinite(f64::from(column) + 0.5, f64::from(row) + 0.5)
                     + transfer.inverse_depth * (min + f64::from(code) * step);
                 let (x, y) = (exact.x / exact.z, exact.y / exact.z);
                 let half = f64::from(SIZE) / 2.0;
-                // w = Z2 / Z1: below a quarter a sample is four times nearer to the eye than to the
-                // centre.
+                // w = Z2 / Z1: below a quarter, the eye is more than four times nearer to a sample
+                // than the centre.
                 if exact.z > 0.25 && x.abs() < half && y.abs() < half {
-                    let off = [
-                        f64::from(found.x / found.z) - x,
-                        f64::from(found.y / found.z) - y,
-                    ];
-                    worst = worst.max(off[0].abs()).max(off[1].abs());
+                    worst = worst
+                        .max((f64::from(warped.x / warped.z) - x).abs())
+                        .max((f64::from(warped.y / warped.z) - y).abs());
                 }
             }
         }
@@ -276,21 +277,23 @@ fn f32_along_rows(seed: u64) -> Option<f64> {
     Some(worst)
 }
 
-fn window_import(
+/// Imports a depth buffer as a sprite on a plane in the middle of the range of inverse depths,
+/// where displacements are smallest.
+fn import_at_middle(
     camera: Camera,
     depth: &[f32],
     kind: DepthKind,
     window_range_m: (f64, f64),
 ) -> Option<headbox_sprite::SpriteWithDepth> {
-    // In the middle of the range of inverse depths, where displacements are smallest.
     let plane = Some(SpritePlane::parallel_to_image(
         &camera,
         2.0 / (1.0 / window_range_m.0 + 1.0 / window_range_m.1),
     ));
-    window_import_on(camera, depth, kind, window_range_m, plane)
+    import_window_depth(camera, depth, kind, window_range_m, plane)
 }
 
-fn window_import_on(
+/// Imports a depth buffer as a sprite; `None` if the import is refused.
+fn import_window_depth(
     camera: Camera,
     depth: &[f32],
     depth_kind: DepthKind,
@@ -298,7 +301,6 @@ fn window_import_on(
     plane: Option<SpritePlane>,
 ) -> Option<headbox_sprite::SpriteWithDepth> {
     let color = RgbaImage::from_pixel(camera.width(), camera.height(), Rgba([200, 100, 50, 255]));
-    let format = DisplacementFormat::F32;
     DepthImport {
         color,
         camera,
@@ -306,18 +308,19 @@ fn window_import_on(
         depth_kind,
         window_range_m,
         plane,
-        format,
+        format: DisplacementFormat::F32,
     }
     .build()
     .ok()
 }
 
-/// Error of eye depths over a step of a buffer of so many bits, 24 if it is not said; in that case
-/// nothing is rounded but to f32.
+/// Returns the largest error of imported inverse depths over one step of a depth buffer of `bits`
+/// bits, whose values are rounded to them. With `None` the step is that of 24 bits, and values are
+/// rounded to f32 only.
 fn window_depths(seed: u64, kind: DepthKind, bits: Option<u32>) -> Option<f64> {
     let steps = f64::from((1u32 << bits.unwrap_or(24)) - 1);
-    let mut dice = Dice::new(seed, 44);
-    let camera = look(DVec3::ZERO, DVec3::NEG_Z, 60.0, [8, 8]).ok()?;
+    let mut rng = case_rng(seed, 44);
+    let camera = look_along(DVec3::ZERO, DVec3::NEG_Z, 60.0, [8, 8]).ok()?;
     largest(
         [
             (0.5, 0.500_1),
@@ -335,9 +338,9 @@ fn window_depths(seed: u64, kind: DepthKind, bits: Option<u32>) -> Option<f64> {
                 }
             };
             let depths: Vec<f64> = (0..64)
-                .map(|_| near / dice.between(near / far.min(1e6), 1.0).max(1e-6))
+                .map(|_| near / rng.between(near / far.min(1e6), 1.0).max(1e-6))
                 .collect();
-            // The far plane's own code is background.
+            // The code of the far plane is background.
             let least = if reversed { 1.0 } else { 0.0 };
             let stored = |z: f64| {
                 if bits.is_some() {
@@ -355,23 +358,22 @@ fn window_depths(seed: u64, kind: DepthKind, bits: Option<u32>) -> Option<f64> {
                 .iter()
                 .map(|&z| (stored(z) as f32).clamp(low, high))
                 .collect();
-            let sprite = window_import(camera, &window, kind, (near, far))?;
+            let sprite = import_at_middle(camera, &window, kind, (near, far))?;
             largest(depths.iter().enumerate().map(|(i, &z)| {
-                // In inverse depth, where a step is the same everywhere: (1 - near / far) / near /
-                // 2^bits.
+                // A step is constant in inverse depth: (1 - near / far) / near / 2^bits.
                 let step = (1.0 - near / far) / near / steps;
-                let found = sprite.eye_depth(i as u32 % 8, i as u32 / 8)?;
-                Some((1.0 / found - 1.0 / z).abs() / step)
+                let imported = sprite.eye_depth(i as u32 % 8, i as u32 / 8)?;
+                Some((1.0 / imported - 1.0 / z).abs() / step)
             }))
         }),
     )
 }
 
-/// Cells along an edge of [`finely_cut_cube`].
+/// Cells along an edge of [`tessellated_cube`].
 const CELLS: u32 = 12;
 
-/// A closed cube of `2 * 6 * CELLS^2` triangles.
-fn finely_cut_cube(half: f64) -> Scene {
+/// Builds a closed cube of `2 * 6 * CELLS^2` triangles.
+fn tessellated_cube(half: f64) -> Scene {
     let mut scene = Scene {
         materials: vec![Material::default()],
         ..Scene::default()
@@ -398,23 +400,22 @@ fn finely_cut_cube(half: f64) -> Scene {
     scene
 }
 
-/// Rays from inside a cube exactly through its vertices and edges.
+/// Counts the missed rays from inside a cube exactly through its vertices and edges.
 fn leaking_rays(seed: u64) -> Option<f64> {
-    let mut dice = Dice::new(seed, 46);
-    let half = dice.between(0.5, 50.0);
-    let tracer = Tracer::new(Arc::new(finely_cut_cube(half)), DVec3::ZERO);
+    let mut rng = case_rng(seed, 46);
+    let half = rng.between(0.5, 50.0);
+    let tracer = Tracer::new(Arc::new(tessellated_cube(half)), DVec3::ZERO);
     let (positions, triangles) = (&tracer.scene().positions, &tracer.scene().triangles);
     let mut leaks = 0;
     for _ in 0..20_000 {
-        let triangle = &triangles[dice.below(triangles.len() as u32) as usize];
+        let triangle = &triangles[rng.below(triangles.len() as u64) as usize];
         let [a, b] = [0, 1].map(|i| positions[triangle.vertices[i] as usize]);
-        let t = [0.0, 0.5, dice.between(0.0, 1.0)][dice.below(3) as usize];
+        let t = [0.0, 0.5, rng.between(0.0, 1.0)][rng.below(3) as usize];
         let target = a + (b - a) * t;
-        let origin = dice.in_cube(half * 0.9);
-        let direction = (target - origin).as_vec3();
+        let origin = rng.in_cube(half * 0.9);
         let ray = Ray {
             origin: origin.as_vec3(),
-            direction,
+            direction: (target - origin).as_vec3(),
             t_min: 0.0,
             t_max: f32::INFINITY,
         };
@@ -423,21 +424,22 @@ fn leaking_rays(seed: u64) -> Option<f64> {
     Some(f64::from(leaks))
 }
 
-/// Rays along the axes from inside a cube, in the planes of its vertices.
+/// Counts the missed rays along the axes from inside a cube, in the planes of its vertices.
 fn parallel_rays(seed: u64) -> Option<f64> {
-    let mut dice = Dice::new(seed, 48);
-    let half = dice.between(0.5, 50.0);
-    let tracer = Tracer::new(Arc::new(finely_cut_cube(half)), DVec3::ZERO);
+    let mut rng = case_rng(seed, 48);
+    let half = rng.between(0.5, 50.0);
+    let tracer = Tracer::new(Arc::new(tessellated_cube(half)), DVec3::ZERO);
     let mut leaks = 0;
     for _ in 0..2_000 {
-        // As vertices are computed, but for those on the cube's own faces.
-        let plane = |dice: &mut Dice| {
-            ((f64::from(1 + dice.below(CELLS - 1)) / f64::from(CELLS) * 2.0 - 1.0) * half) as f32
+        // Computed like the vertices, without those on the cube's faces.
+        let plane = |rng: &mut Rng| {
+            let cell = 1 + rng.below((CELLS - 1).into());
+            ((cell as f64 / f64::from(CELLS) * 2.0 - 1.0) * half) as f32
         };
-        let origin = Vec3::new(plane(&mut dice), plane(&mut dice), plane(&mut dice));
-        let zero = |dice: &mut Dice| if dice.below(2) == 0 { 0.0 } else { -0.0f32 };
-        let mut direction = Vec3::new(zero(&mut dice), zero(&mut dice), zero(&mut dice));
-        direction[dice.below(3) as usize] = if dice.below(2) == 0 { 1.0 } else { -1.0 };
+        let origin = Vec3::new(plane(&mut rng), plane(&mut rng), plane(&mut rng));
+        let zero = |rng: &mut Rng| if rng.below(2) == 0 { 0.0 } else { -0.0f32 };
+        let mut direction = Vec3::new(zero(&mut rng), zero(&mut rng), zero(&mut rng));
+        direction[rng.below(3) as usize] = if rng.below(2) == 0 { 1.0 } else { -1.0 };
         let ray = Ray {
             origin,
             direction,
@@ -455,13 +457,13 @@ mod tests {
 
     #[test]
     fn window_depth_converts_to_eye_depth() {
-        let camera = look(DVec3::ZERO, DVec3::NEG_Z, 60.0, [1, 1]).expect("valid");
+        let camera = look_along(DVec3::ZERO, DVec3::NEG_Z, 60.0, [1, 1]).expect("valid");
         // near 1, far 3: Z = 1.5 has z = (1 - 2/3) / (2/3) = 0.5.
         let sprite =
-            window_import(camera, &[0.5], DepthKind::WindowDepth, (1.0, 3.0)).expect("valid");
+            import_at_middle(camera, &[0.5], DepthKind::WindowDepth, (1.0, 3.0)).expect("valid");
         assert!((sprite.eye_depth(0, 0).expect("in front") - 1.5).abs() < 1e-6);
         // Reversed, 0.25 is as far as 0.75 is: Z = 2 has z = (1 - 1/2) / (2/3).
-        let sprite = window_import(camera, &[0.25], DepthKind::ReversedWindowDepth, (1.0, 3.0))
+        let sprite = import_at_middle(camera, &[0.25], DepthKind::ReversedWindowDepth, (1.0, 3.0))
             .expect("valid");
         assert!((sprite.eye_depth(0, 0).expect("in front") - 2.0).abs() < 1e-6);
     }

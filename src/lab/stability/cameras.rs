@@ -1,16 +1,19 @@
-//! Cameras and sizes.
+//! Cases of cameras and sizes.
 
 use super::Case;
-use super::bed::{Dice, ROOM, draw, largest, ldi_of, look, mean_levels, pack, sample};
+use super::fixtures::{
+    ROOM, build_ldi, case_rng, draw, largest, look_along, mean_levels, pack, random_direction,
+    sample,
+};
 use glam::{DMat3, DVec3};
 use headbox_core::camera::Camera;
 use headbox_core::cube_face::Face;
-use headbox_core::frame::Frame;
+use headbox_core::random::Rng;
 use headbox_cube::model::samples::CubeSamples;
 use headbox_cube::render::RenderSettings;
 use headbox_cube::render::setup::transfer::Transfer;
 
-/// Error of a furnished room with faces of 128 px, levels.
+/// Bound of the mean error of a furnished room with faces of 128 px, levels.
 const ROOM_LEVELS: f64 = 16.0;
 
 pub(super) fn cases() -> Vec<Case> {
@@ -38,8 +41,9 @@ pub(super) fn cases() -> Vec<Case> {
             bound: f64::INFINITY,
             reason: "A footprint reaches 32 px at most, so that samples more than 32 px apart stand alone. It takes a frame 32 times as fine as the capture.",
             measure: |seed| {
-                let mut dice = Dice::new(seed, 38);
-                let camera = look(dice.in_cube(0.5), dice.direction(), 1.0, [64, 48]).ok()?;
+                let mut rng = case_rng(seed, 38);
+                let camera =
+                    look_along(rng.in_cube(0.5), random_direction(&mut rng), 1.0, [64, 48]).ok()?;
                 let frame = draw(&pack(&walls(40))?, &camera, &RenderSettings::default());
                 Some(100.0 * frame.hole_count() as f64 / frame.color.len() as f64)
             },
@@ -51,8 +55,14 @@ pub(super) fn cases() -> Vec<Case> {
             bound: 0.0,
             reason: "Tents reach from sample to sample, 30 px here and 31.6 from where the eye may be; the largest footprint reaches 32 px.",
             measure: |seed| {
-                let mut dice = Dice::new(seed, 39);
-                let camera = look(dice.in_cube(0.03), dice.direction(), 4.58, [64, 48]).ok()?;
+                let mut rng = case_rng(seed, 39);
+                let camera = look_along(
+                    rng.in_cube(0.03),
+                    random_direction(&mut rng),
+                    4.58,
+                    [64, 48],
+                )
+                .ok()?;
                 let frame = draw(&pack(&walls(40))?, &camera, &RenderSettings::default());
                 Some(100.0 * frame.hole_count() as f64 / frame.color.len() as f64)
             },
@@ -64,9 +74,9 @@ pub(super) fn cases() -> Vec<Case> {
             bound: 0.0,
             reason: "A closed cube fills every pixel of every frame from its centre.",
             measure: |seed| {
-                let mut dice = Dice::new(seed, 31);
+                let mut rng = case_rng(seed, 31);
                 let cube = pack(&walls(33))?;
-                let (eye, forward) = (dice.in_cube(0.1), dice.direction());
+                let (eye, forward) = (rng.in_cube(0.1), random_direction(&mut rng));
                 largest(
                     [
                         [1, 1],
@@ -81,7 +91,7 @@ pub(super) fn cases() -> Vec<Case> {
                     .map(|size| {
                         // The longer side spans 60 degrees.
                         let focal_px = f64::from(size[0].max(size[1])) * 0.866;
-                        let axes = look(eye, forward, 60.0, size).ok()?.world_from_eye();
+                        let axes = look_along(eye, forward, 60.0, size).ok()?.world_from_eye();
                         let camera =
                             Camera::from_parts(eye, axes, focal_px, size[0], size[1]).ok()?;
                         let frame = draw(&cube, &camera, &RenderSettings::default());
@@ -101,14 +111,12 @@ pub(super) fn cases() -> Vec<Case> {
             bound: 0.0,
             reason: "Blocks of 64 columns and 16 rows, and batches of 16 lanes, end anywhere.",
             measure: |seed| {
-                let mut dice = Dice::new(seed, 32);
-                let forward = dice.direction();
+                let mut rng = case_rng(seed, 32);
+                let forward = random_direction(&mut rng);
                 largest([1, 2, 3, 15, 16, 17, 63, 64, 65].map(|face_px| {
-                    let camera = look(DVec3::ZERO, forward, 70.0, [20, 16]).ok()?;
-                    Some(
-                        draw(&pack(&walls(face_px))?, &camera, &RenderSettings::default())
-                            .hole_count() as f64,
-                    )
+                    let camera = look_along(DVec3::ZERO, forward, 70.0, [20, 16]).ok()?;
+                    let frame = draw(&pack(&walls(face_px))?, &camera, &RenderSettings::default());
+                    Some(frame.hole_count() as f64)
                 }))
             },
         },
@@ -119,19 +127,17 @@ pub(super) fn cases() -> Vec<Case> {
             bound: 1e-12,
             reason: "Axes are made of cross products of unit vectors, normalised; whatever the direction, they stay a rotation.",
             measure: |seed| {
-                let mut dice = Dice::new(seed, 33);
+                let mut rng = case_rng(seed, 33);
                 largest((0..20).map(|_| {
-                    let (eye, forward) = (dice.direction() * 1e7, dice.direction());
-                    let up = forward + dice.direction() * 10f64.powf(dice.between(-9.0, 0.0));
+                    let (eye, forward) =
+                        (random_direction(&mut rng) * 1e7, random_direction(&mut rng));
+                    let up =
+                        forward + random_direction(&mut rng) * 10f64.powf(rng.between(-9.0, 0.0));
                     let camera =
                         Camera::look_at(eye, eye + forward * 1e-3, up, 60.0, [64, 48]).ok()?;
                     let axes = camera.world_from_eye();
-                    let off = axes.transpose() * axes - DMat3::IDENTITY;
-                    Some(
-                        off.to_cols_array()
-                            .into_iter()
-                            .fold(0.0, |m: f64, v| m.max(v.abs())),
-                    )
+                    let error = (axes.transpose() * axes - DMat3::IDENTITY).to_cols_array();
+                    Some(error.into_iter().fold(0.0, |m: f64, v| m.max(v.abs())))
                 }))
             },
         },
@@ -142,12 +148,12 @@ pub(super) fn cases() -> Vec<Case> {
             bound: 1e-9,
             reason: "f64 keeps 8,192 px to 1e-12; which of two faces takes a tie does not matter, that it holds the direction does.",
             measure: |seed| {
-                let mut dice = Dice::new(seed, 34);
+                let mut rng = case_rng(seed, 34);
                 largest((0..200).map(|_| {
-                    let tie = dice
+                    let tie = rng
                         .in_cube(1.0)
                         .map(|c| if c.abs() > 0.3 { c.signum() } else { c });
-                    let direction = tie + dice.in_cube(1e-15);
+                    let direction = tie + rng.in_cube(1e-15);
                     if direction.length() < 0.1 {
                         return Some(0.0);
                     }
@@ -168,31 +174,30 @@ pub(super) fn cases() -> Vec<Case> {
             bound: 1e-5,
             reason: "Both are f64; a step's error of 2^-53, 8,192 times, is 5e-9 px at the longest focal length (5,500 px), times 1e3 for points a thousandth as far from the eye as from the centre. A wrong sign, axis or half pixel is 0.5 and more.",
             measure: |seed| {
-                let mut dice = Dice::new(seed, 35);
+                let mut rng = case_rng(seed, 35);
                 largest((0..200).map(|_| {
-                    let Random {
+                    let RandomTransfer {
                         camera,
                         eye,
                         face,
                         size,
                         transfer,
-                    } = random_transfer(&mut dice)?;
-                    let [x, y] = [0, 1].map(|_| dice.between(0.0, f64::from(size)));
-                    let q = dice.between(0.01, 2.0);
-                    let there = transfer.map_infinite(x, y) + transfer.inverse_depth * q;
+                    } = random_transfer(&mut rng)?;
+                    let [x, y] = [0, 1].map(|_| rng.between(0.0, f64::from(size)));
+                    let q = rng.between(0.01, 2.0);
+                    let warped = transfer.map_infinite(x, y) + transfer.inverse_depth * q;
                     let principal = camera.principal_px();
-                    let by_matrix = [
-                        there.x / there.z + principal[0],
-                        there.y / there.z + principal[1],
+                    let position = [
+                        warped.x / warped.z + principal[0],
+                        warped.y / warped.z + principal[1],
                     ];
-                    // Behind the eye, or so near to it that nothing is drawn, there is no pixel to
-                    // compare.
+                    // Points behind the eye, or too near to it to be drawn, have no pixel.
                     match camera.project(face.direction(x, y, size) / q) {
                         Some([px, py, depth]) if depth * q > 1e-3 && in_frame(&camera, px, py) => {
                             Some(
-                                (by_matrix[0] - px)
-                                    .hypot(by_matrix[1] - py)
-                                    .max((there.z - depth * q).abs()),
+                                (position[0] - px)
+                                    .hypot(position[1] - py)
+                                    .max((warped.z - depth * q).abs()),
                             )
                         }
                         _ => Some(if eye.is_finite() { 0.0 } else { f64::INFINITY }),
@@ -207,9 +212,9 @@ pub(super) fn cases() -> Vec<Case> {
             bound: 4.5,
             reason: "Scaled, what remains is the focal length in pixels of the frame against 1 (5,500 for 1 degree and 96 px) and the angle of the face's border (a factor of 4): f32 keeps 7.2 digits, so that 2.7 are left at the worst; set-up is therefore done in f64.",
             measure: |seed| {
-                let mut dice = Dice::new(seed, 36);
+                let mut rng = case_rng(seed, 36);
                 largest((0..50).map(|_| {
-                    let Random { transfer, .. } = random_transfer(&mut dice)?;
+                    let RandomTransfer { transfer, .. } = random_transfer(&mut rng)?;
                     let columns =
                         [transfer.x_step, transfer.y_step, transfer.one].map(DVec3::normalize);
                     Some(condition(DMat3::from_cols(columns[0], columns[1], columns[2])).log10())
@@ -223,10 +228,10 @@ pub(super) fn cases() -> Vec<Case> {
             bound: ROOM_LEVELS,
             reason: "Faces of 128 px blur textures and edges. A frame that is mirrored, turned or drawn in a wrong order is off by thirty levels and more.",
             measure: |seed| {
-                let mut dice = Dice::new(seed, 37);
+                let mut rng = case_rng(seed, 37);
                 let room = ROOM.as_ref()?;
                 largest([20.0, 60.0, 120.0, 170.0].map(|fov| {
-                    let camera = room.camera(dice.in_cube(1.0), dice.direction(), fov)?;
+                    let camera = room.camera(rng.in_cube(1.0), random_direction(&mut rng), fov)?;
                     let frame = draw(&room.cube, &camera, &RenderSettings::default());
                     Some(mean_levels(&frame, &room.truth(&camera)))
                 }))
@@ -235,14 +240,14 @@ pub(super) fn cases() -> Vec<Case> {
     ]
 }
 
-/// The colour of a wall at a point: smooth.
+/// Returns the smooth colour of the walls at a point, levels.
 fn color_at(p: DVec3) -> [f64; 3] {
     [0, 1, 2].map(|c| 128.0 + 90.0 * (1.4 * p[c] + 0.7 * p[(c + 1) % 3]).sin())
 }
 
-/// Walls 1 m away on all sides.
+/// Builds an LDI of walls 1 m away on all sides.
 fn walls(face_px: u32) -> CubeSamples {
-    ldi_of(face_px, &Face::ALL, |face, x, y| {
+    build_ldi(face_px, &Face::ALL, |face, x, y| {
         vec![sample(
             face,
             1.0,
@@ -251,18 +256,18 @@ fn walls(face_px: u32) -> CubeSamples {
     })
 }
 
-/// Mean difference of a frame's colours from those of the walls.
+/// Returns the mean difference of a frame's colours from those of the walls, levels.
 fn smooth_wall(seed: u64, fov_deg: f64, face_px: u32) -> Option<f64> {
-    let mut dice = Dice::new(seed, 30);
+    let mut rng = case_rng(seed, 30);
     let cube = pack(&walls(face_px))?;
-    let eye = dice.in_cube(if fov_deg > 90.0 { 0.1 } else { 0.5 });
-    let camera = look(eye, dice.direction(), fov_deg, [64, 48]).ok()?;
-    let frame: Frame = draw(&cube, &camera, &RenderSettings::default());
+    let eye = rng.in_cube(if fov_deg > 90.0 { 0.1 } else { 0.5 });
+    let camera = look_along(eye, random_direction(&mut rng), fov_deg, [64, 48]).ok()?;
+    let frame = draw(&cube, &camera, &RenderSettings::default());
     let mut sum = 0.0;
     for (i, color) in frame.color.iter().enumerate() {
         let (x, y) = (i as u32 % camera.width(), i as u32 / camera.width());
         let direction = camera.direction(f64::from(x) + 0.5, f64::from(y) + 0.5);
-        // Where the ray leaves the cube of half-size 1.
+        // Exit of the ray from the cube of half-size 1.
         let t = (0..3)
             .map(|a| (direction[a].signum() - eye[a]) / direction[a])
             .fold(f64::INFINITY, f64::min);
@@ -275,8 +280,8 @@ fn smooth_wall(seed: u64, fov_deg: f64, face_px: u32) -> Option<f64> {
     Some(sum / frame.color.len() as f64)
 }
 
-/// A camera, a face about the origin, and the matrix between them.
-struct Random {
+/// A random camera, a face about the origin, and the transfer between them.
+struct RandomTransfer {
     camera: Camera,
     eye: DVec3,
     face: Face,
@@ -284,15 +289,15 @@ struct Random {
     transfer: Transfer,
 }
 
-fn random_transfer(dice: &mut Dice) -> Option<Random> {
-    let face = Face::ALL[dice.below(6) as usize];
-    let size = [1, 37, 1024, 8192][dice.below(4) as usize];
-    let fov = [1.0, 30.0, 60.0, 120.0, 170.0][dice.below(5) as usize];
-    let eye = dice.in_cube(0.5);
-    // The face is in view: its middle is within 45 degrees of the camera's axis.
-    let forward = (face.normal() + dice.in_cube(0.5)).normalize();
-    let camera = look(eye, forward, fov, [128, 96]).ok()?;
-    Some(Random {
+fn random_transfer(rng: &mut Rng) -> Option<RandomTransfer> {
+    let face = Face::ALL[rng.below(6) as usize];
+    let size = [1, 37, 1024, 8192][rng.below(4) as usize];
+    let fov = [1.0, 30.0, 60.0, 120.0, 170.0][rng.below(5) as usize];
+    let eye = rng.in_cube(0.5);
+    // The face is in view: its centre is within 45 degrees of the camera's axis.
+    let forward = (face.normal() + rng.in_cube(0.5)).normalize();
+    let camera = look_along(eye, forward, fov, [128, 96]).ok()?;
+    Some(RandomTransfer {
         camera,
         eye,
         face,
@@ -305,7 +310,8 @@ fn in_frame(camera: &Camera, x: f64, y: f64) -> bool {
     (0.0..f64::from(camera.width())).contains(&x) && (0.0..f64::from(camera.height())).contains(&y)
 }
 
-/// Ratio of the largest to the smallest singular value, from the eigenvalues of M^T M (Smith 1961).
+/// Returns the ratio of the largest to the smallest singular value, from the eigenvalues of M^T M
+/// (Smith 1961).
 fn condition(matrix: DMat3) -> f64 {
     let a = matrix.transpose() * matrix;
     let mean = (a.x_axis.x + a.y_axis.y + a.z_axis.z) / 3.0;
@@ -320,7 +326,7 @@ fn condition(matrix: DMat3) -> f64 {
         .acos()
         / 3.0;
     let largest = mean + 2.0 * p * angle.cos();
-    // The smallest by the determinant, which does not cancel: it is the product of all three.
+    // The smallest from the determinant, the product of all three: this avoids cancellation.
     let middle =
         3.0 * mean - largest - (mean + 2.0 * p * (angle + 2.0 * std::f64::consts::FRAC_PI_3).cos());
     let smallest = matrix.determinant().powi(2) / (largest * middle);

@@ -1,28 +1,27 @@
-//! Surfaces and layers (hard cases 2, 4, 5; C9, D1).
+//! Cases of surfaces and layers (hard cases 2, 4, 5; C9, D1).
 
 use super::Case;
-use super::bed::{Dice, draw, kernel, largest, ldi_of, look, pack, sample, sample_with_normal};
+use super::fixtures::{
+    build_ldi, capture, case_rng, draw, largest, look_along, pack, random_direction, sample,
+    sample_with_normal, with_kernel,
+};
 use glam::{DVec3, dvec3};
 use headbox_core::camera::Camera;
 use headbox_core::cube_face::Face;
-use headbox_cube::model::parameters::CaptureParameters;
-use headbox_cube::model::parameters::MergeRule;
+use headbox_core::random::Rng;
+use headbox_cube::model::parameters::{CaptureParameters, MergeRule};
 use headbox_cube::model::samples::{CubeSamples, DepthPixel};
 use headbox_cube::pack::{CubeLdi, SplatIndexLayout, Split};
 use headbox_cube::render::RenderSettings;
 use headbox_cube::render::footprint::splat::SplatKernel;
-use headbox_ldi::capture::SceneCapture;
-use headbox_ldi::scene_source::SceneSource;
-use headbox_ldi::spec::{CaptureSpec, RunOptions};
 use headbox_scene::material::Material;
 use headbox_scene::scene::{Scene, Triangle};
-use headbox_trace::bvh::Tracer;
-use headbox_trace::light::Lighting;
 use std::sync::Arc;
 
+/// Colour of the wall.
 const WALL: [u8; 3] = [200, 100, 50];
-/// Levels by which colour times coverage may be off in the kernels that blend it in 8 bits: half a
-/// level for each of the last few blends.
+/// Error bound of colour times coverage in the kernels that blend in 8 bits, levels: half a level
+/// for each of the last few blends.
 const BLENDED_LEVELS: f64 = 2.0;
 
 pub(super) fn cases() -> Vec<Case> {
@@ -34,14 +33,14 @@ pub(super) fn cases() -> Vec<Case> {
             bound: BLENDED_LEVELS,
             reason: "w = Z2 / Z1 below 1/1024 is not drawn, and what is drawn is of one colour: what remains is half a level for each of the last few 8-bit blends of the paper's and the opaque kernel.",
             measure: |seed| {
-                let mut dice = Dice::new(seed, 51);
-                let cube = pack(&wall(|dice| -Face::NegZ.normal() + dice.in_cube(0.0), seed))?;
+                let mut rng = case_rng(seed, 51);
+                let cube = pack(&wall(|_| Face::PosZ.normal(), seed))?;
                 largest((0..12).map(|i| {
                     let gap = [
                         1e-9, 1e-6, 1e-3, 2e-3, 0.01, 0.1, 1.0, 0.0, -1e-9, -1e-3, -0.1, -1.0,
                     ][i];
-                    let eye = dvec3(dice.between(-0.2, 0.2), dice.between(-0.2, 0.2), gap - 1.0);
-                    foreign_levels(&cube, &look(eye, DVec3::NEG_Z, 40.0, [50, 40]).ok()?)
+                    let eye = dvec3(rng.between(-0.2, 0.2), rng.between(-0.2, 0.2), gap - 1.0);
+                    foreign_levels(&cube, &look_along(eye, DVec3::NEG_Z, 40.0, [50, 40]).ok()?)
                 }))
             },
         },
@@ -52,19 +51,19 @@ pub(super) fn cases() -> Vec<Case> {
             bound: BLENDED_LEVELS,
             reason: "A normal that says nothing makes a footprint too large or too small, never another colour.",
             measure: |seed| {
-                let mut dice = Dice::new(seed, 52);
+                let mut rng = case_rng(seed, 52);
                 largest((0..3).map(|kind| {
                     let cube = pack(&wall(
-                        |dice| match kind {
+                        |rng| match kind {
                             0 => DVec3::X,
                             1 => Face::NegZ.normal(),
-                            _ => dice.direction(),
+                            _ => random_direction(rng),
                         },
                         seed,
                     ))?;
                     foreign_levels(
                         &cube,
-                        &look(dice.in_cube(0.4), DVec3::NEG_Z, 50.0, [50, 40]).ok()?,
+                        &look_along(rng.in_cube(0.4), DVec3::NEG_Z, 50.0, [50, 40]).ok()?,
                     )
                 }))
             },
@@ -76,10 +75,10 @@ pub(super) fn cases() -> Vec<Case> {
             bound: 1.0,
             reason: "The least radius and the largest slope bound the damage.",
             measure: |seed| {
-                let mut dice = Dice::new(seed, 53);
-                let cube = pack(&wall(Dice::direction, seed))?;
-                let eye = dice.in_cube(0.4);
-                let camera = look(
+                let mut rng = case_rng(seed, 53);
+                let cube = pack(&wall(random_direction, seed))?;
+                let eye = rng.in_cube(0.4);
+                let camera = look_along(
                     eye,
                     dvec3(-eye.x * 0.5, -eye.y * 0.5, -1.0).normalize(),
                     40.0,
@@ -97,8 +96,8 @@ pub(super) fn cases() -> Vec<Case> {
             bound: 0.0,
             reason: "Layers have no limit, and opaque nearest ones hide the rest whatever their number.",
             measure: |seed| {
-                let mut dice = Dice::new(seed, 54);
-                let ldi = ldi_of(40, &[Face::NegZ], |face, _, _| {
+                let mut rng = case_rng(seed, 54);
+                let ldi = build_ldi(40, &[Face::NegZ], |face, _, _| {
                     (0..20)
                         .map(|i| {
                             sample(
@@ -110,10 +109,10 @@ pub(super) fn cases() -> Vec<Case> {
                         .collect()
                 });
                 let cube = pack(&ldi)?;
-                let eye = dice.in_cube(0.2);
+                let eye = rng.in_cube(0.2);
                 let frame = draw(
                     &cube,
-                    &look(eye, DVec3::NEG_Z, 40.0, [50, 40]).ok()?,
+                    &look_along(eye, DVec3::NEG_Z, 40.0, [50, 40]).ok()?,
                     &RenderSettings::default(),
                 );
                 Some(frame.color.iter().filter(|c| c[..3] != WALL).count() as f64)
@@ -134,9 +133,9 @@ pub(super) fn cases() -> Vec<Case> {
             bound: 0.0,
             reason: "Nothing is drawn, and nothing fails.",
             measure: |seed| {
-                let cube = pack(&ldi_of(16, &[], |_, _, _| vec![]))?;
-                let camera =
-                    look(DVec3::ZERO, Dice::new(seed, 56).direction(), 60.0, [20, 10]).ok()?;
+                let cube = pack(&build_ldi(16, &[], |_, _, _| vec![]))?;
+                let forward = random_direction(&mut case_rng(seed, 56));
+                let camera = look_along(DVec3::ZERO, forward, 60.0, [20, 10]).ok()?;
                 Some((200 - draw(&cube, &camera, &RenderSettings::default()).hole_count()) as f64)
             },
         },
@@ -192,9 +191,9 @@ pub(super) fn cases() -> Vec<Case> {
             bound: 0.05,
             reason: "A cluster reaches across a bin's border once; noise far below a bin must not make layers.",
             measure: |seed| {
-                let mut dice = Dice::new(seed, 59);
-                let noise = |_| (2.0 + dice.between(-0.038, 0.038), [0.5; 3]);
-                let ldi = captured(seed, stripes(noise), MergeRule::Average)?;
+                let mut rng = case_rng(seed, 59);
+                let noise = |_| (2.0 + rng.between(-0.038, 0.038), [0.5; 3]);
+                let ldi = capture_rule(seed, stripes(noise), MergeRule::Average)?;
                 let face = &ldi.faces[Face::NegZ.index()];
                 let occupied = face
                     .offsets
@@ -207,16 +206,16 @@ pub(super) fn cases() -> Vec<Case> {
     ]
 }
 
-/// A wall of one colour, 1 m before the centre.
-fn wall(normal: impl Fn(&mut Dice) -> DVec3, seed: u64) -> CubeSamples {
-    let mut dice = Dice::new(seed, 50);
-    ldi_of(40, &[Face::NegZ], |_, _, _| {
-        vec![sample_with_normal(normal(&mut dice).as_vec3(), 1.0, WALL)]
+/// Builds a wall of one colour, 1 m in front of the centre.
+fn wall(normal: impl Fn(&mut Rng) -> DVec3, seed: u64) -> CubeSamples {
+    let mut rng = case_rng(seed, 50);
+    build_ldi(40, &[Face::NegZ], |_, _, _| {
+        vec![sample_with_normal(normal(&mut rng).as_vec3(), 1.0, WALL)]
     })
 }
 
-/// Largest distance of pixels from the wall's colour, times their coverage, over all kernels;
-/// holes, kept open, must be black.
+/// Returns the largest difference of a pixel from the wall's colour, times its coverage, over all
+/// kernels, levels. Holes, which are not filled, must be black.
 fn foreign_levels(cube: &CubeLdi, camera: &Camera) -> Option<f64> {
     largest(SplatKernel::ALL.map(|splats| {
         let frame = draw(
@@ -224,7 +223,7 @@ fn foreign_levels(cube: &CubeLdi, camera: &Camera) -> Option<f64> {
             camera,
             &RenderSettings {
                 keep_holes: true,
-                ..kernel(splats)
+                ..with_kernel(splats)
             },
         );
         largest(
@@ -233,31 +232,33 @@ fn foreign_levels(cube: &CubeLdi, camera: &Camera) -> Option<f64> {
                 .iter()
                 .zip(&frame.coverage)
                 .map(|(color, coverage)| {
-                    let (expected, share) = match coverage.is_hole() {
-                        true => ([0; 3], 1.0),
-                        false => (WALL, f64::from(coverage.splat_share()) / 255.0),
+                    let (expected, share) = if coverage.is_hole() {
+                        ([0; 3], 1.0)
+                    } else {
+                        (WALL, f64::from(coverage.splat_share()) / 255.0)
                     };
-                    let off = (0..3).map(|c| f64::from(color[c].abs_diff(expected[c])));
-                    Some(off.fold(0.0, f64::max) * share)
+                    let errors = (0..3).map(|c| f64::from(color[c].abs_diff(expected[c])));
+                    Some(errors.fold(0.0, f64::max) * share)
                 }),
         )
     }))
 }
 
+/// Packs sparse random LDIs; returns the number of face pixels whose samples differ.
 fn sparse_round_trip(seed: u64) -> Option<f64> {
-    let mut dice = Dice::new(seed, 55);
-    let density = [2, 20, 400][dice.below(3) as usize];
-    let ldi = ldi_of(23, &[Face::PosX, Face::NegY, Face::NegZ], |face, _, _| {
-        let layers = if dice.below(density) == 0 {
-            dice.below(4)
+    let mut rng = case_rng(seed, 55);
+    let density = [2, 20, 400][rng.below(3) as usize];
+    let ldi = build_ldi(23, &[Face::PosX, Face::NegY, Face::NegZ], |face, _, _| {
+        let layers = if rng.below(density) == 0 {
+            rng.below(4)
         } else {
             0
         };
-        let mut depths: Vec<f64> = (0..layers).map(|_| dice.between(0.05, 1.9)).collect();
+        let mut depths: Vec<f64> = (0..layers).map(|_| rng.between(0.05, 1.9)).collect();
         depths.sort_by(f64::total_cmp);
         depths
             .into_iter()
-            .map(|q| sample(face, q, [dice.bits() as u8, 1, 2]))
+            .map(|q| sample(face, q, [rng.bits() as u8, 1, 2]))
             .collect()
     });
     let mut wrong = 0;
@@ -291,31 +292,31 @@ const RULES: [MergeRule; 3] = [
     MergeRule::ColorsApart,
 ];
 
-/// Pixels of a captured face.
+/// Edge of a captured face, px.
 const FACE_PX: u32 = 24;
 
-/// Squares across -Z at the given depths and colours, tilted at random by a tenth of a depth bin,
-/// captured.
+/// Captures squares across -Z at the given depths and colours, tilted at random by a tenth of a
+/// depth bin.
 fn planes(seed: u64, planes: &[(f64, [f32; 3])], merge_rule: MergeRule) -> Option<CubeSamples> {
-    let mut dice = Dice::new(seed, 57);
+    let mut rng = case_rng(seed, 57);
     let mut scene = Scene::default();
     for &(depth, albedo) in planes {
         // A bin is 1 / (half * sqrt(3) * 12) of inverse depth wide: at 2 m, 0.38 m.
         let corners = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)];
         let corners =
-            corners.map(|(x, y)| dvec3(x * depth, y * depth, -depth + dice.between(-0.02, 0.02)));
+            corners.map(|(x, y)| dvec3(x * depth, y * depth, -depth + rng.between(-0.02, 0.02)));
         push_square(&mut scene, corners, albedo);
     }
-    captured(seed, scene, merge_rule)
+    capture_rule(seed, scene, merge_rule)
 }
 
-/// Upright stripes that fill the -Z face at 2 m, six to a pixel, each at a depth and of a colour of
-/// its own.
-fn stripes(mut look: impl FnMut(u32) -> (f64, [f32; 3])) -> Scene {
+/// Builds vertical stripes that fill the -Z face at 2 m, six per pixel. `appearance` returns the
+/// depth and colour of a stripe.
+fn stripes(mut appearance: impl FnMut(u32) -> (f64, [f32; 3])) -> Scene {
     const STRIPES: u32 = 6 * FACE_PX;
     let mut scene = Scene::default();
     for i in 0..STRIPES {
-        let (depth, albedo) = look(i);
+        let (depth, albedo) = appearance(i);
         let [left, right] = [i, i + 1].map(|i| (f64::from(2 * i) / f64::from(STRIPES) - 1.0) * 2.0);
         let corners = [(left, -2.0), (right, -2.0), (right, 2.0), (left, 2.0)]
             .map(|(x, y)| dvec3(x, y, -depth));
@@ -339,8 +340,8 @@ fn push_square(scene: &mut Scene, corners: [DVec3; 4], albedo: [f32; 3]) {
     }
 }
 
-/// Share of the pixels within the -Z face, in percent, that do not hold what a rule says of two
-/// colours in one bin.
+/// Captures two colours in one depth bin; returns the share of pixels of the -Z face whose samples
+/// violate the merge rule, percent.
 fn against_rule(seed: u64, rule: MergeRule) -> Option<f64> {
     let red_and_blue = |i: u32| {
         if i.is_multiple_of(2) {
@@ -349,7 +350,7 @@ fn against_rule(seed: u64, rule: MergeRule) -> Option<f64> {
             (2.000_2, [0.1, 0.1, 0.8])
         }
     };
-    let ldi = captured(seed, stripes(red_and_blue), rule)?;
+    let ldi = capture_rule(seed, stripes(red_and_blue), rule)?;
     let face = &ldi.faces[Face::NegZ.index()];
     // 0.8 and 0.1 are 230 and 89 in sRGB; their mean 181.
     let kind = |s: &DepthPixel| match (s.color_srgb[0], s.color_srgb[2]) {
@@ -371,22 +372,14 @@ fn against_rule(seed: u64, rule: MergeRule) -> Option<f64> {
     Some(100.0 * wrong.count() as f64 / inner().count() as f64)
 }
 
-fn captured(seed: u64, scene: Scene, merge_rule: MergeRule) -> Option<CubeSamples> {
-    let spec = CaptureSpec {
-        face_size_px: FACE_PX,
-        parameters: CaptureParameters {
-            seed,
-            merge_rule,
-            ..CaptureParameters::unlit(6, 8)
-        },
-        ..CaptureSpec::new(SceneSource::new("stability"), DVec3::ZERO, 0.5)
+/// Captures a scene about the origin.
+fn capture_rule(seed: u64, scene: Scene, merge_rule: MergeRule) -> Option<CubeSamples> {
+    let parameters = CaptureParameters {
+        seed,
+        merge_rule,
+        ..CaptureParameters::unlit(6, 8)
     };
-    let tracer = Tracer::new(Arc::new(scene), DVec3::ZERO);
-    let lighting = Lighting::of_scene(&tracer, 0);
-    let (ldi, _) = SceneCapture::new(&spec, &tracer, &lighting, &RunOptions::default())
-        .run()
-        .ok()?;
-    Some(ldi)
+    capture(Arc::new(scene), DVec3::ZERO, 0.5, FACE_PX, parameters)
 }
 
 #[cfg(test)]
@@ -395,11 +388,11 @@ mod tests {
 
     #[test]
     fn foreign_colour_is_detected() {
-        let cube = pack(&ldi_of(8, &[Face::NegZ], |face, x, _| {
+        let cube = pack(&build_ldi(8, &[Face::NegZ], |face, x, _| {
             vec![sample(face, 1.0, if x < 4.0 { WALL } else { [1, 2, 3] })]
         }))
         .expect("packs");
-        let camera = look(DVec3::ZERO, DVec3::NEG_Z, 40.0, [20, 20]).expect("valid");
+        let camera = look_along(DVec3::ZERO, DVec3::NEG_Z, 40.0, [20, 20]).expect("valid");
         assert!(foreign_levels(&cube, &camera).expect("drawn") > 100.0);
     }
 }

@@ -1,9 +1,10 @@
-//! Layered lumigraphs (hard case 10; L8, L9, C20, C21).
+//! Cases of layered lumigraphs (hard case 10; L8, L9, C20, C21).
 
 use super::Case;
-use super::bed::{Dice, largest, look};
+use super::fixtures::{case_rng, largest, look_along};
 use glam::{DVec3, dvec3};
 use headbox_core::progress::Silent;
+use headbox_core::random::Rng;
 use headbox_lumigraph::{
     CameraGrid, DisparityLayer, ErrorBound, GridParts, Lumigraph, LumigraphCapture,
     LumigraphRenderer, LumigraphSettings, Placement, merge, render_by_rays, uniform,
@@ -21,10 +22,10 @@ pub(super) fn cases() -> Vec<Case> {
             bound: 0.5,
             reason: "Positions of 24 bits may find the texel beside that of 53 bits: a thousandth of the pixels on the mean, and here is the worst of ten small frames.",
             measure: |seed| {
-                let mut dice = Dice::new(seed, 101);
+                let mut rng = case_rng(seed, 101);
                 let lumigraph = BUMP.as_ref()?;
-                let eyes = hard_eyes(lumigraph, &mut dice);
-                differing(
+                let eyes = hard_eyes(lumigraph, &mut rng);
+                largest_difference(
                     eyes.into_iter()
                         .map(|(eye, forward)| (lumigraph, eye, forward)),
                 )
@@ -37,17 +38,17 @@ pub(super) fn cases() -> Vec<Case> {
             bound: 0.5,
             reason: "The same: with one camera, or all cameras in a line, both neighbours of a ray are one.",
             measure: |seed| {
-                let mut dice = Dice::new(seed, 102);
+                let mut rng = case_rng(seed, 102);
                 let mut views = Vec::new();
                 for lumigraph in DEGENERATE.iter() {
                     let lumigraph = lumigraph.as_ref()?;
                     for _ in 0..2 {
-                        let eye = lumigraph.grid().origin() + dice.in_cube(0.6);
-                        let forward = (DVec3::NEG_Z + dice.in_cube(0.3)).normalize();
+                        let eye = lumigraph.grid().origin() + rng.in_cube(0.6);
+                        let forward = (DVec3::NEG_Z + rng.in_cube(0.3)).normalize();
                         views.push((lumigraph, eye, forward));
                     }
                 }
-                differing(views)
+                largest_difference(views)
             },
         },
         Case {
@@ -57,8 +58,8 @@ pub(super) fn cases() -> Vec<Case> {
             bound: 1.0 + 1e-9,
             reason: "A merged layer is one for which the bound allows it (Eq. 8, C18, C20); layers that the eye has passed, or is in, stay alone. The rest is rounding of f64.",
             measure: |seed| {
-                let mut dice = Dice::new(seed, 103);
-                largest((0..20).map(|_| merged_disagreement(&mut dice)))
+                let mut rng = case_rng(seed, 103);
+                largest((0..20).map(|_| merged_disagreement(&mut rng)))
             },
         },
         Case {
@@ -68,10 +69,10 @@ pub(super) fn cases() -> Vec<Case> {
             bound: 0.0,
             reason: "A wider layer never errs less, so that taking as many as the bound allows is best (C20).",
             measure: |seed| {
-                let mut dice = Dice::new(seed, 104);
+                let mut rng = case_rng(seed, 104);
                 largest((0..20).map(|_| {
                     let layers = uniform(DISPARITIES, 64);
-                    let bound = any_bound(&mut dice);
+                    let bound = random_bound(&mut rng);
                     Some(merge(&layers, &bound).len() as f64 - fewest(&layers, &bound) as f64)
                 }))
             },
@@ -81,17 +82,17 @@ pub(super) fn cases() -> Vec<Case> {
 
 const FRAME_PX: [u32; 2] = [64, 48];
 
-/// Levels by which rounding to 12 bits of linear light may change a pixel.
+/// Largest change of a pixel by rounding to 12 bits of linear light, levels.
 const ROUNDING: u8 = 1;
 
-/// Surfaces from 1 to 5 m behind the camera plane, 1/m.
+/// Range of disparities, 1/m: surfaces 1 to 5 m from the camera plane.
 const DISPARITIES: [f64; 2] = [0.2, 1.0];
 
-/// A plane with a dome and a pyramid on it, 3 m before 4x3 cameras.
+/// Lumigraph of a plane with a dome and a pyramid, 3 m in front of 4x3 cameras.
 static BUMP: LazyLock<Option<Lumigraph>> =
     LazyLock::new(|| bump(&[-0.5, -0.1, 0.2, 0.5], &[-0.5, 0.0, 0.5], 63));
 
-/// The same by fewer cameras, and in one layer.
+/// The same scene with fewer cameras, and in one layer.
 static DEGENERATE: LazyLock<[Option<Lumigraph>; 4]> = LazyLock::new(|| {
     let four = [-0.5, -0.1, 0.2, 0.5];
     [
@@ -126,15 +127,15 @@ fn bump(columns: &[f64], rows: &[f64], layers: usize) -> Option<Lumigraph> {
     raw.layered(layers, Placement::Histogram).ok()
 }
 
-/// Eyes and directions about the bump's cameras, which look along -Z.
-fn hard_eyes(lumigraph: &Lumigraph, dice: &mut Dice) -> Vec<(DVec3, DVec3)> {
+/// Returns eyes and directions around the bump's cameras, which look along -Z.
+fn hard_eyes(lumigraph: &Lumigraph, rng: &mut Rng) -> Vec<(DVec3, DVec3)> {
     let grid = lumigraph.grid();
     let at = |x: f64, y: f64, behind: f64| grid.origin() + dvec3(x, y, behind);
-    let (x, y) = (dice.between(-0.5, 0.5), dice.between(-0.5, 0.5));
-    let column = grid.columns()[dice.below(4) as usize];
-    let row = grid.rows()[dice.below(3) as usize];
+    let (x, y) = (rng.between(-0.5, 0.5), rng.between(-0.5, 0.5));
+    let column = grid.columns()[rng.below(4) as usize];
+    let row = grid.rows()[rng.below(3) as usize];
     let layers = lumigraph.layers();
-    let in_layer = -1.0 / layers[dice.below(layers.len() as u32) as usize].drawn();
+    let in_layer = -1.0 / layers[rng.below(layers.len() as u64) as usize].drawn();
     let ahead = DVec3::NEG_Z;
     let along = dvec3(x, y, 0.0).normalize_or(DVec3::X);
     vec![
@@ -151,14 +152,16 @@ fn hard_eyes(lumigraph: &Lumigraph, dice: &mut Dice) -> Vec<(DVec3, DVec3)> {
     ]
 }
 
-/// Largest share of the pixels of a frame that differ from the same ray by ray, percent. `None` if
-/// frames show surfaces in less than a quarter of all pixels: then there would be little to see.
-fn differing<'a>(views: impl IntoIterator<Item = (&'a Lumigraph, DVec3, DVec3)>) -> Option<f64> {
+/// Returns the largest share of the pixels of a frame that differ from the ray-by-ray reference,
+/// percent; `None` if less than a quarter of all pixels show surfaces.
+fn largest_difference<'a>(
+    views: impl IntoIterator<Item = (&'a Lumigraph, DVec3, DVec3)>,
+) -> Option<f64> {
     let settings = LumigraphSettings::default();
     let mut renderer = LumigraphRenderer::new();
     let (mut worst, mut drawn, mut pixels) = (0.0f64, 0, 0);
     for (lumigraph, eye, forward) in views {
-        let camera = look(eye, forward, 50.0, FRAME_PX).ok()?;
+        let camera = look_along(eye, forward, 50.0, FRAME_PX).ok()?;
         let (fast, _) = renderer.render(lumigraph, &camera, &settings);
         let slow = render_by_rays(lumigraph, &camera, &settings);
         let differs =
@@ -171,42 +174,42 @@ fn differing<'a>(views: impl IntoIterator<Item = (&'a Lumigraph, DVec3, DVec3)>)
     (4 * drawn > pixels).then_some(worst)
 }
 
-fn any_bound(dice: &mut Dice) -> ErrorBound {
-    let tolerance = [0.0, dice.between(0.0, 1.0), dice.between(0.0, 50.0)];
+fn random_bound(rng: &mut Rng) -> ErrorBound {
+    let tolerance = [0.0, rng.between(0.0, 1.0), rng.between(0.0, 50.0)];
     ErrorBound {
-        focal: dice.between(100.0, 2000.0),
-        spacing: dice.between(0.01, 0.5),
-        behind: dice.between(-1.5, 1.0),
-        tolerance: tolerance[dice.below(3) as usize],
+        focal: rng.between(100.0, 2000.0),
+        spacing: rng.between(0.01, 0.5),
+        behind: rng.between(-1.5, 1.0),
+        tolerance: tolerance[rng.below(3) as usize],
     }
 }
 
-/// Largest distance between two neighbouring cameras' images of a point, over the tolerance, of all
-/// merged layers that are several.
-fn merged_disagreement(dice: &mut Dice) -> Option<f64> {
+/// Returns the largest distance between the images of a point in two neighbouring cameras, over the
+/// tolerance, for all merged layers of several layers.
+fn merged_disagreement(rng: &mut Rng) -> Option<f64> {
     let layers = uniform(DISPARITIES, 256);
-    let bound = any_bound(dice);
-    let several = merge(&layers, &bound)
+    let bound = random_bound(rng);
+    let merged_layers = merge(&layers, &bound)
         .into_iter()
         .filter(|merged| merged.len() > 1);
-    let of_merged = several.map(|merged| {
+    let disagreements = merged_layers.map(|merged| {
         let layer = layers[merged.start].through(&layers[merged.end - 1]);
-        // Similar triangles: a ray from a camera through a point of disparity d above 0 meets the
-        // depth at which the layer is drawn, and is seen from there.
+        // Similar triangles: the ray from a camera through a point with disparity d > 0 intersects
+        // the depth at which the layer is drawn, and the intersection is projected to the frame.
         let depth = 1.0 / layer.drawn();
-        let seen = |camera: f64, d: f64| {
+        let project = |camera: f64, d: f64| {
             bound.focal * (camera - camera * d * depth) / (depth + bound.behind)
         };
-        let apart = layer
+        let [a, b] = layer
             .range()
-            .map(|d| (seen(bound.spacing, d) - seen(0.0, d)).abs());
-        let is_before_eye = 1.0 / layer.max + bound.behind > 0.0;
-        is_before_eye.then(|| apart[0].max(apart[1]) / bound.tolerance)
+            .map(|d| (project(bound.spacing, d) - project(0.0, d)).abs());
+        let is_in_front = 1.0 / layer.max + bound.behind > 0.0;
+        is_in_front.then(|| a.max(b) / bound.tolerance)
     });
-    largest(of_merged.chain([Some(0.0)]))
+    largest(disagreements.chain([Some(0.0)]))
 }
 
-/// The fewest merged layers of all ways to cut.
+/// Returns the least number of merged layers over all partitions, by dynamic programming.
 fn fewest(layers: &[DisparityLayer], bound: &ErrorBound) -> usize {
     let mut best = vec![usize::MAX; layers.len() + 1];
     best[0] = 0;

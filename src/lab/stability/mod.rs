@@ -1,13 +1,13 @@
-//! Hard numerical cases: each a measurement with a bound and the bound's reason.
+//! Hard numerical cases: measurements with a bound and the reason for the bound.
 //!
-//! `tests/library/stability.rs` holds each case to its bound on a few seeds; `headbox report
-//! --stability` measures more of them and writes `STABILITY.md`. A case is a function of a seed, so
-//! that whatever it finds can be found again.
+//! `tests/library/stability.rs` tests each case with a few seeds; `headbox report --stability`
+//! measures more seeds and writes `STABILITY.md`. A case is a function of a seed, so that its
+//! results are reproducible.
 
 mod arithmetic;
-mod bed;
 mod cameras;
 mod eyes;
+mod fixtures;
 mod layers;
 mod lumigraphs;
 mod photos;
@@ -22,32 +22,32 @@ use std::ops::Range;
 
 /// One hard case.
 pub struct Case {
-    /// Unique, short.
+    /// Unique short name.
     pub name: &'static str,
     /// Description of the case.
     pub what: &'static str,
-    /// Unit of what is measured.
+    /// Unit of the measured value.
     pub unit: &'static str,
-    /// Upper bound of the measured value; infinite for a known limit, where it need only be
-    /// measurable.
+    /// Upper bound of the measured value; infinite for a known limit, where the value need only be
+    /// finite.
     pub bound: f64,
-    /// Why this bound and not another.
+    /// Reason for the bound.
     pub reason: &'static str,
-    /// The measurement; `None` if something could not even be made, which no bound allows.
+    /// Measures the value; `None` if an input could not be created, which exceeds every bound.
     pub measure: fn(seed: u64) -> Option<f64>,
 }
 
-/// The largest value that a case showed.
+/// Largest value of a case.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Worst {
-    /// The value; infinite where nothing could be measured.
+    /// The value; infinite if it could not be measured.
     pub value: f64,
-    /// The first seed that showed it.
+    /// First seed with this value.
     pub seed: u64,
 }
 
 impl Case {
-    /// The largest value over some seeds, at least one.
+    /// Returns the largest value over a non-empty range of seeds.
     pub fn worst(&self, seeds: Range<u64>) -> Worst {
         let measured = seeds.map(|seed| Worst {
             value: (self.measure)(seed).unwrap_or(f64::INFINITY),
@@ -66,19 +66,19 @@ impl Case {
         })
     }
 
-    /// Returns true if a value is within the bound; NaN and infinity never are.
+    /// Returns true if a value is finite and within the bound.
     pub fn holds(&self, value: f64) -> bool {
         value.is_finite() && value <= self.bound
     }
 }
 
-/// A small captured room, for tests elsewhere.
+/// Returns a small captured room for tests of other modules.
 #[cfg(test)]
 pub(crate) fn room() -> Option<&'static headbox_cube::pack::CubeLdi> {
-    Some(&bed::ROOM.as_ref()?.cube)
+    Some(&fixtures::ROOM.as_ref()?.cube)
 }
 
-/// All cases, by topic.
+/// Returns all cases by topic.
 pub fn topics() -> [(&'static str, Vec<Case>); 9] {
     [
         ("Where the eye is", eyes::cases()),
@@ -93,8 +93,7 @@ pub fn topics() -> [(&'static str, Vec<Case>); 9] {
     ]
 }
 
-/// Parses a page: the name of each case, and whether its bound held. `None` if the text is not such
-/// a page.
+/// Parses a page: returns the name of each case and true if its bound held; `None` without cases.
 pub fn verdicts(page: &str) -> Option<Vec<(String, bool)>> {
     let rows = page.lines().filter_map(|line| {
         let mut cells = line.strip_prefix("| ")?.split(" | ");
@@ -102,33 +101,33 @@ pub fn verdicts(page: &str) -> Option<Vec<(String, bool)>> {
         (name != "case" && name != "---")
             .then(|| (name.to_owned(), !measured.ends_with("**exceeded**")))
     });
-    let found: Vec<(String, bool)> = rows.collect();
-    (!found.is_empty()).then_some(found)
+    let verdicts: Vec<(String, bool)> = rows.collect();
+    (!verdicts.is_empty()).then_some(verdicts)
 }
 
-/// Differences between the verdicts of two pages, a line each.
+/// Lists the differences between the verdicts of two pages, a line each.
 pub fn differences(before: &[(String, bool)], now: &[(String, bool)]) -> Vec<String> {
-    let word = |verdict: Option<&(String, bool)>| match verdict {
+    let mut names: Vec<&String> = before.iter().chain(now).map(|(name, _)| name).collect();
+    names.sort_unstable();
+    names.dedup();
+    let verdict = |verdicts: &[(String, bool)], name: &String| match verdicts
+        .iter()
+        .find(|(other, _)| other == name)
+    {
         Some((_, true)) => "held",
         Some((_, false)) => "exceeded",
         None => "absent",
     };
-    let mut names: Vec<&String> = before.iter().chain(now).map(|(name, _)| name).collect();
-    names.sort_unstable();
-    names.dedup();
-    let of = |verdicts: &'_ [(String, bool)], name: &String| {
-        word(verdicts.iter().find(|(other, _)| other == name))
-    };
-    let differs = names
+    names
         .into_iter()
-        .filter(|name| of(before, name) != of(now, name));
-    differs
-        .map(|name| format!("{name}: {} before, {} now", of(before, name), of(now, name)))
+        .map(|name| (name, verdict(before, name), verdict(now, name)))
+        .filter(|(_, before, now)| before != now)
+        .map(|(name, before, now)| format!("{name}: {before} before, {now} now"))
         .collect()
 }
 
-/// `STABILITY.md`: every case with its bound, and the worst of some seeds. `progress` is told each
-/// case's name.
+/// Measures all cases over `seeds`; returns `STABILITY.md` and true if all bounds hold. `progress`
+/// receives the name of each case.
 pub fn page(seeds: Range<u64>, mut progress: impl FnMut(&str)) -> (String, bool) {
     let mut text = format!(
         "# Numerical stability\n\nMade by `headbox report --stability`, commit {}, {}; `cargo test --test library stability` holds every case to its \

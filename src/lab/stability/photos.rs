@@ -1,9 +1,9 @@
-//! Ranking of photographs and the mesh of view-dependent geometry (hard case 11; S24, E6, E8, C26).
+//! Cases of the ranking of photographs and the mesh of view-dependent geometry (hard case 11; S24,
+//! E6, E8, C26).
 
 use super::Case;
-use super::bed::{Dice, largest, look};
-use glam::{DMat3, DVec3, dvec3};
-use headbox_core::camera::Camera;
+use super::fixtures::{case_rng, largest, look_along, random_direction};
+use glam::{DVec3, dvec3};
 use headbox_core::depth_kind::DepthKind;
 use headbox_core::file_frame::FileFrame;
 use headbox_core::progress::Silent;
@@ -61,9 +61,9 @@ pub(super) fn cases() -> Vec<Case> {
             bound: 0.0,
             reason: "Positions are integers and predicates exact (E8): a fourth node on the circle is not inside, and no edge is flipped for ever.",
             measure: |seed| {
-                let mut dice = Dice::new(seed, 114);
+                let mut rng = case_rng(seed, 114);
                 largest([0, 1].map(|off| {
-                    mesh_defects(|_, _| [0, 1].map(|_| dice.below(2 * off as u32 + 1) as i32 - off))
+                    mesh_defects(|_, _| [0, 1].map(|_| rng.below(2 * off as u64 + 1) as i32 - off))
                 }))
             },
         },
@@ -74,11 +74,11 @@ pub(super) fn cases() -> Vec<Case> {
             bound: 0.0,
             reason: "The same; slivers have an area of their own, which f64 products of pixels would lose.",
             measure: |seed| {
-                let mut dice = Dice::new(seed, 115);
+                let mut rng = case_rng(seed, 115);
                 largest([[false, true], [true, false], [true, true]].map(|pressed| {
                     mesh_defects(|node, side| {
                         [0, 1].map(|axis| {
-                            let anywhere = dice.below(side as u32) as i32 - side / 2;
+                            let anywhere = rng.below(side as u64) as i32 - side / 2;
                             match (pressed[axis], node[axis] % 2) {
                                 (false, _) => anywhere,
                                 (true, 0) => side,
@@ -92,23 +92,22 @@ pub(super) fn cases() -> Vec<Case> {
     ]
 }
 
-/// Size of the images, pixels.
+/// Size of the images, px.
 const IMAGE_PX: [u32; 2] = [16, 12];
 
-/// Focal length of the images, pixels.
+/// Focal length of the images, px.
 const FOCAL_PX: f64 = 12.0;
 
-/// Writes images of a plane at a depth, metres, taken from poses, as a set.
+/// Writes a set of images of a plane at a constant depth, metres, from the given poses.
 fn image_set(folder: &Path, poses: &[Pose], depth_m: f32) -> Option<ImageSet> {
     let [width, height] = IMAGE_PX;
     let (color, depth) = (folder.join("color.png"), folder.join("depth.exr"));
     let picture = RgbaImage::from_pixel(width, height, image::Rgba([90, 120, 150, 255]));
     picture.save(&color).ok()?;
-    let values = vec![depth_m; (width * height) as usize];
     let picture = DepthPicture {
         width,
         height,
-        values,
+        values: vec![depth_m; (width * height) as usize],
     };
     write_depth_exr(&picture, &depth).ok()?;
     let lens = Lens::Pinhole(Pinhole {
@@ -137,18 +136,17 @@ fn image_set(folder: &Path, poses: &[Pose], depth_m: f32) -> Option<ImageSet> {
     })
 }
 
-/// A pose that looks along a direction.
+/// Returns a pose that looks along a direction.
 fn pose(eye: DVec3, forward: DVec3) -> Option<Pose> {
-    let camera = look(DVec3::ZERO, forward, 60.0, IMAGE_PX).ok()?;
-    let world_from_eye: DMat3 = camera.world_from_eye();
+    let camera = look_along(DVec3::ZERO, forward, 60.0, IMAGE_PX).ok()?;
     Some(Pose {
         eye,
-        world_from_eye,
+        world_from_eye: camera.world_from_eye(),
     })
 }
 
-/// Pairs of neighbours in `order` whose keys descend by more than `rounding`, or that are the same
-/// pose and not in the set's order.
+/// Counts the pairs of neighbours in `order` whose keys descend by more than `rounding`, or that have
+/// equal poses and are not in the set's order.
 fn pairs_out_of_order(order: &[usize], keys: &[f64], poses: &[Pose], rounding: f64) -> f64 {
     let is_wrong = |pair: &&[usize]| {
         let (a, b) = (pair[0], pair[1]);
@@ -157,19 +155,19 @@ fn pairs_out_of_order(order: &[usize], keys: &[f64], poses: &[Pose], rounding: f
     order.windows(2).filter(is_wrong).count() as f64
 }
 
+/// Counts the pairs that [`NearImages`] ranks in the wrong order.
 fn near_images(seed: u64, depth_m: f32) -> Option<f64> {
     const CORNERS: usize = 8;
-    let mut dice = Dice::new(seed, 111);
+    let mut rng = case_rng(seed, 111);
     largest([DVec3::ZERO, dvec3(1e7, 0.0, -1e7)].map(|middle| {
-        let direction = dice.direction();
+        let direction = random_direction(&mut rng);
         let mut poses = Vec::new();
         for corner in 0..CORNERS {
             let turn = std::f64::consts::TAU * corner as f64 / CORNERS as f64;
             let arm = dvec3(turn.cos(), turn.sin(), 0.0);
-            // Around a middle, all looking one way, and inwards.
+            // Around a middle, with parallel and with inward directions, and in the middle itself.
             poses.push(pose(middle + arm, DVec3::NEG_Z)?);
             poses.push(pose(middle + arm, -arm)?);
-            // In one place.
             poses.push(pose(middle, direction)?);
         }
         let folder = tempfile::tempdir().ok()?;
@@ -182,7 +180,7 @@ fn near_images(seed: u64, depth_m: f32) -> Option<f64> {
             depth_noise: 0.0,
         };
         let near = NearImages::new(set, job, 1 << 20).ok()?;
-        let known_m = if depth_m.is_nan() {
+        let median_depth_m = if depth_m.is_nan() {
             1.0
         } else {
             f64::from(depth_m)
@@ -190,14 +188,15 @@ fn near_images(seed: u64, depth_m: f32) -> Option<f64> {
         let frames = [
             (middle, DVec3::NEG_Z),
             (middle, direction),
-            (middle + dice.in_cube(1.0), dice.direction()),
+            (middle + rng.in_cube(1.0), random_direction(&mut rng)),
         ];
         largest(frames.map(|(eye, forward)| {
-            let camera = look(eye, forward, 60.0, [32, 24]).ok()?;
-            // The angle by arc tangent, which keeps its digits at 0 and at a half turn.
+            let camera = look_along(eye, forward, 60.0, [32, 24]).ok()?;
+            // The arc tangent is accurate at 0 and at a half turn.
             let key = |pose: &Pose| {
                 let (a, b) = (-pose.world_from_eye.z_axis, camera.forward());
-                a.cross(b).length().atan2(a.dot(b)) + pose.eye.distance(camera.eye()) / known_m
+                a.cross(b).length().atan2(a.dot(b))
+                    + pose.eye.distance(camera.eye()) / median_depth_m
             };
             let keys: Vec<f64> = poses.iter().map(key).collect();
             let order = near.nearest(&camera, poses.len());
@@ -207,8 +206,8 @@ fn near_images(seed: u64, depth_m: f32) -> Option<f64> {
     }))
 }
 
-/// Opens view-dependent geometry of images.
-fn opened(folder: &Path, poses: &[Pose], depth_m: f32) -> Option<ViewGeometry> {
+/// Opens view-dependent geometry of a set of images.
+fn open_geometry(folder: &Path, poses: &[Pose], depth_m: f32) -> Option<ViewGeometry> {
     let set = image_set(folder, poses, depth_m)?;
     let resources = GeometryResources {
         grid: SampleGrid::default(),
@@ -219,13 +218,14 @@ fn opened(folder: &Path, poses: &[Pose], depth_m: f32) -> Option<ViewGeometry> {
     ViewGeometry::open(&set, &views, &resources, &Silent).ok()
 }
 
+/// Counts the pairs of cameras that view-dependent geometry ranks in the wrong order.
 fn camera_ranking(seed: u64) -> Option<f64> {
-    let mut dice = Dice::new(seed, 112);
+    let mut rng = case_rng(seed, 112);
     let on_axis = |i: usize| dvec3(0.0, 0.0, -0.1 * i as f64);
     let mut sets = [Vec::new(), Vec::new(), Vec::new()];
     for i in 0..4 {
-        let arm = dvec3(dice.between(-0.4, 0.4), dice.between(-0.4, 0.4), 0.0);
-        let forward = (DVec3::NEG_Z + dice.in_cube(0.2)).normalize();
+        let arm = dvec3(rng.between(-0.4, 0.4), rng.between(-0.4, 0.4), 0.0);
+        let forward = (DVec3::NEG_Z + rng.in_cube(0.2)).normalize();
         sets[0].push(pose(DVec3::ZERO, DVec3::NEG_Z)?);
         sets[1].push(pose(on_axis(i), DVec3::NEG_Z)?);
         for eye in [arm, -arm, arm] {
@@ -234,9 +234,9 @@ fn camera_ranking(seed: u64) -> Option<f64> {
     }
     largest(sets.map(|poses| {
         let folder = tempfile::tempdir().ok()?;
-        let geometry = opened(folder.path(), &poses, 2.0)?;
-        // So far behind, and so wide, that all that the cameras see is in the frame.
-        let camera = look(dvec3(0.0, 0.0, 4.0), DVec3::NEG_Z, 90.0, [64, 48]).ok()?;
+        let geometry = open_geometry(folder.path(), &poses, 2.0)?;
+        // From this distance and at this angle, everything that the cameras see is in the frame.
+        let camera = look_along(dvec3(0.0, 0.0, 4.0), DVec3::NEG_Z, 90.0, [64, 48]).ok()?;
         let distance = |pose: &Pose| (pose.eye - camera.eye()).cross(camera.forward()).length();
         let farthest = poses.iter().map(distance).fold(0.0, f64::max);
         let field = 2.0 * (64f64.hypot(48.0) / 2.0 / camera.focal_px()).atan();
@@ -260,14 +260,15 @@ fn camera_ranking(seed: u64) -> Option<f64> {
         renderer.render(&geometry, &camera, &settings, WaitPolicy::Wait);
         let order: Vec<usize> = renderer.used().iter().map(|&i| i as usize).collect();
         let missing = (poses.len() - order.len()) as f64;
-        // The arc cosine of nearly 1 keeps half of the digits.
+        // Tolerance: the arc cosine near 1 keeps half of the digits.
         Some(missing + pairs_out_of_order(&order, &keys, &poses, 1e-7))
     }))
 }
 
+/// Counts the cameras and pixels that frames without a valid camera use.
 fn no_valid_camera(seed: u64) -> Option<f64> {
-    let mut dice = Dice::new(seed, 113);
-    let poses = (0..4).map(|_| pose(dice.in_cube(0.5), DVec3::NEG_Z));
+    let mut rng = case_rng(seed, 113);
+    let poses = (0..4).map(|_| pose(rng.in_cube(0.5), DVec3::NEG_Z));
     let poses: Vec<Pose> = poses.collect::<Option<_>>()?;
     let frames = [
         (2.0, DVec3::ZERO, DVec3::Z),
@@ -277,8 +278,8 @@ fn no_valid_camera(seed: u64) -> Option<f64> {
     ];
     largest(frames.map(|(depth_m, eye, forward)| {
         let folder = tempfile::tempdir().ok()?;
-        let geometry = opened(folder.path(), &poses, depth_m)?;
-        let camera: Camera = look(eye, forward, 60.0, [32, 24]).ok()?;
+        let geometry = open_geometry(folder.path(), &poses, depth_m)?;
+        let camera = look_along(eye, forward, 60.0, [32, 24]).ok()?;
         let mut renderer = GeometryRenderer::new();
         let settings = GeometrySettings::default();
         let (frame, stats) = renderer.render(&geometry, &camera, &settings, WaitPolicy::Wait);
@@ -287,7 +288,7 @@ fn no_valid_camera(seed: u64) -> Option<f64> {
     }))
 }
 
-/// Defects of the mesh of moved nodes: see the case "mesh of nodes on common circles".
+/// Counts the defects of the mesh of displaced nodes, see the case "mesh of nodes on common circles".
 fn mesh_defects(offset: impl FnMut([usize; 2], i32) -> [i32; 2]) -> Option<f64> {
     let NodeMesh {
         size: [columns, rows],
@@ -303,7 +304,7 @@ fn mesh_defects(offset: impl FnMut([usize; 2], i32) -> [i32; 2]) -> Option<f64> 
         .filter(|corners| area(**corners) <= 0)
         .count();
 
-    // The area within the rim, by the shoelace formula.
+    // Area within the rim, by the shoelace formula.
     let node = |column: usize, row: usize| (row * columns + column) as u32;
     let (right, below) = (columns - 1, rows - 1);
     let mut rim: Vec<u32> = (0..right).map(|column| node(column, 0)).collect();

@@ -1,9 +1,12 @@
-//! Position and size of the scene (design: f32 is ruined at load by large offsets).
+//! Cases of position and size of the scene: at large offsets, f32 coordinates lose all detail.
 
 use super::Case;
-use super::bed::{Dice, capture, draw, largest, look, pack, rms_levels};
-use glam::{DVec3, dvec3};
-use headbox_core::file_frame::UpAxis;
+use super::fixtures::{
+    capture, case_rng, draw, largest, look_along, pack, random_direction, rms_levels, small_capture,
+};
+use glam::{DVec3, Vec3, dvec3};
+use headbox_core::camera::Camera;
+use headbox_core::file_frame::{FileFrame, UpAxis};
 use headbox_cube::render::RenderSettings;
 use headbox_ldi::rays::trace::blocked_share;
 use headbox_scene::camera_path::CameraRecord;
@@ -13,8 +16,8 @@ use headbox_trace::bvh::{Ray, Tracer};
 use std::fmt::Write as _;
 use std::sync::Arc;
 
-/// Rounding of a decimal coordinate of 1e7 m to f64 (9e-10 m each way, twice), and of distances of
-/// some metres to f32.
+/// Error bound of distances, metres: rounding of a decimal coordinate of 1e7 m to f64 (9e-10 m each
+/// way, twice), and of distances of some metres to f32.
 const OFFSET_BOUND: f64 = 4e-6;
 
 pub(super) fn cases() -> Vec<Case> {
@@ -75,8 +78,8 @@ pub(super) fn cases() -> Vec<Case> {
             bound: 1.0,
             reason: "Everything after loading is relative to the headbox's centre; what the offset itself rounds away is 2e-9 m.",
             measure: |seed| {
-                let mut dice = Dice::new(seed, 21);
-                changed_by(seed, 1.0, dice.direction() * 1e7)
+                let mut rng = case_rng(seed, 21);
+                changed_by(seed, 1.0, random_direction(&mut rng) * 1e7)
             },
         },
         Case {
@@ -110,11 +113,11 @@ pub(super) fn cases() -> Vec<Case> {
             bound: 4.0,
             reason: "At 4 cm a sample is 32 px wide, half of the largest footprint; twice as near, footprints only just touch.",
             measure: |seed| {
-                let open = |gap: &f64| near_contact(seed, *gap).is_none_or(|share| share > 1.0);
+                let is_open = |gap: &f64| near_contact(seed, *gap).is_none_or(|share| share > 1.0);
                 Some(
                     [0.08, 0.06, 0.05, 0.04, 0.03, 0.02, 0.01, 0.004]
                         .iter()
-                        .find(|gap| open(gap))
+                        .find(|gap| is_open(gap))
                         .map_or(0.0, |gap| gap * 50.0),
                 )
             },
@@ -135,8 +138,9 @@ pub(super) fn cases() -> Vec<Case> {
             reason: "A user's mistake is reported, not hidden.",
             measure: |seed| {
                 let scene = Arc::new(headbox_scenes::build("contact", 0)?);
-                let half = Dice::new(seed, 23).between(0.6, 0.75);
-                capture(Arc::clone(&scene), DVec3::ZERO, half, 16)?;
+                let half = case_rng(seed, 23).between(0.6, 0.75);
+                let parameters = small_capture(8, 12);
+                capture(Arc::clone(&scene), DVec3::ZERO, half, 16, parameters)?;
                 let share = blocked_share(&Tracer::new(scene, DVec3::ZERO), half);
                 Some(if share > 0.0 { 0.0 } else { 1.0 })
             },
@@ -148,10 +152,10 @@ pub(super) fn cases() -> Vec<Case> {
             bound: 2e-5,
             reason: "The look-at point lies a metre ahead, so that its direction keeps 1e7 m * 2^-52 = 2e-9 of its length; at f = 500 px that is 1e-6 px, eye and look-at point count twice.",
             measure: |seed| {
-                let mut dice = Dice::new(seed, 24);
-                let eye = dice.direction() * 1e7;
-                let camera = look(eye, dice.direction(), 60.0, [640, 480]).ok()?;
-                let frame = headbox_core::file_frame::FileFrame::default();
+                let mut rng = case_rng(seed, 24);
+                let eye = random_direction(&mut rng) * 1e7;
+                let camera = look_along(eye, random_direction(&mut rng), 60.0, [640, 480]).ok()?;
+                let frame = FileFrame::default();
                 let up = camera.world_from_eye().y_axis;
                 let mut record =
                     CameraRecord::new(camera.eye(), camera.forward(), up, 60.0, &frame);
@@ -168,32 +172,32 @@ pub(super) fn cases() -> Vec<Case> {
     ]
 }
 
-/// Steps of the stairs: their place from the offset, and their height.
-fn steps(seed: u64) -> (DVec3, Vec<(f64, f64)>) {
-    let mut dice = Dice::new(seed, 20);
-    // Thousandths, so that a decimal in the file is exactly what is meant.
-    let mut thousandth = |low: f64, high: f64| (dice.between(low, high) * 1e3).round() / 1e3;
+/// Creates random stairs: returns the direction of their offset, and the left edge and height of
+/// each step relative to the offset, metres.
+fn stairs(seed: u64) -> (DVec3, Vec<(f64, f64)>) {
+    let mut rng = case_rng(seed, 20);
+    // Thousandths, which the decimals of the file represent exactly.
+    let mut thousandth = |low: f64, high: f64| (rng.between(low, high) * 1e3).round() / 1e3;
     let direction = dvec3(
         thousandth(-1.0, 1.0),
         thousandth(-1.0, 1.0),
         thousandth(-1.0, 1.0),
     );
-    let stairs = (0..12)
+    let steps = (0..12)
         .map(|i| (f64::from(i) * 0.1 - 0.6, thousandth(-2.0, -1.0)))
         .collect();
-    (direction, stairs)
+    (direction, steps)
 }
 
-/// Straight down from 1 m above the origin of the stairs onto the middle of each step: the largest
-/// error of a distance.
-fn distance_error(scene: Scene, at: DVec3, stairs: &[(f64, f64)]) -> Option<f64> {
-    let centre = at + DVec3::Y;
+/// Traces a ray down from 1 m above the offset onto the middle of each step; returns the largest
+/// error of a distance, metres.
+fn distance_error(scene: Scene, offset: DVec3, stairs: &[(f64, f64)]) -> Option<f64> {
+    let centre = offset + DVec3::Y;
     let tracer = Tracer::new(Arc::new(scene), centre);
     largest(stairs.iter().map(|&(left, height)| {
-        let origin = dvec3(left + 0.05, 0.0, 0.03).as_vec3();
         let ray = Ray {
-            origin,
-            direction: glam::Vec3::NEG_Y,
+            origin: dvec3(left + 0.05, 0.0, 0.03).as_vec3(),
+            direction: Vec3::NEG_Y,
             t_min: 0.0,
             t_max: f32::INFINITY,
         };
@@ -201,31 +205,33 @@ fn distance_error(scene: Scene, at: DVec3, stairs: &[(f64, f64)]) -> Option<f64>
     }))
 }
 
+/// Measures stairs at an offset in the vertices of an OBJ file.
 fn offset_in_obj(seed: u64, distance: f64) -> Option<f64> {
-    let (direction, stairs) = steps(seed);
-    let at = direction * distance;
+    let (direction, stairs) = stairs(seed);
+    let offset = direction * distance;
     let mut text = String::new();
     for (left, height) in &stairs {
         for (x, z) in [(0.0, -0.2), (0.0, 0.2), (0.1, 0.2), (0.1, -0.2)] {
             writeln!(
                 text,
                 "v {:.6} {:.6} {:.6}",
-                at.x + left + x,
-                at.y + height,
-                at.z + z
+                offset.x + left + x,
+                offset.y + height,
+                offset.z + z
             )
             .ok()?;
         }
         text += "f -4 -3 -2 -1\n";
     }
-    load_text("stairs.obj", &text).and_then(|scene| distance_error(scene, at, &stairs))
+    distance_error(load_text("stairs.obj", &text)?, offset, &stairs)
 }
 
+/// Measures stairs at an offset in the nodes of a glTF file.
 fn offset_in_nodes(seed: u64, distance: f64) -> Option<f64> {
-    let (direction, stairs) = steps(seed);
-    let at = direction * distance;
+    let (direction, stairs) = stairs(seed);
+    let offset = direction * distance;
     let node = |(i, (left, height)): (usize, &(f64, f64))| {
-        let [x, y, z] = [at.x + left, at.y + height, at.z];
+        let [x, y, z] = [offset.x + left, offset.y + height, offset.z];
         if i % 2 == 0 {
             format!("{{\"mesh\":0,\"translation\":[{x:.6},{y:.6},{z:.6}]}}")
         } else {
@@ -234,8 +240,6 @@ fn offset_in_nodes(seed: u64, distance: f64) -> Option<f64> {
     };
     let nodes: Vec<String> = stairs.iter().enumerate().map(node).collect();
     let all: Vec<String> = (0..nodes.len()).map(|i| i.to_string()).collect();
-    // Positions of the corners (0, 0, -0.2), (0, 0, 0.2), (0.1, 0, 0.2), (0.1, 0, -0.2), and six
-    // indices.
     let corners: [[f32; 3]; 4] = [
         [0.0, 0.0, -0.2],
         [0.0, 0.0, 0.2],
@@ -259,18 +263,17 @@ fn offset_in_nodes(seed: u64, distance: f64) -> Option<f64> {
         nodes.join(","),
         base64(&bytes),
     );
-    load_text("stairs.gltf", &text).and_then(|scene| distance_error(scene, at, &stairs))
+    distance_error(load_text("stairs.gltf", &text)?, offset, &stairs)
 }
 
 fn base64(bytes: &[u8]) -> String {
     const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     let mut text = String::new();
     for chunk in bytes.chunks(3) {
-        let at = |i: usize| u32::from(chunk.get(i).copied().unwrap_or(0));
-        let group = at(0) << 16 | at(1) << 8 | at(2);
+        let byte = |i: usize| u32::from(chunk.get(i).copied().unwrap_or(0));
+        let group = byte(0) << 16 | byte(1) << 8 | byte(2);
         for digit in 0..4 {
-            let known = digit <= chunk.len();
-            text.push(if known {
+            text.push(if digit <= chunk.len() {
                 char::from(DIGITS[(group >> (18 - 6 * digit)) as usize & 63])
             } else {
                 '='
@@ -280,24 +283,22 @@ fn base64(bytes: &[u8]) -> String {
     text
 }
 
+/// Loads a scene from the text of a file.
 fn load_text(name: &str, text: &str) -> Option<Scene> {
     let folder = tempfile::tempdir().ok()?;
     let path = folder.path().join(name);
     std::fs::write(&path, text).ok()?;
-    load(
-        &path,
-        &LoadOptions {
-            up: Some(UpAxis::Y),
-            unit_m: Some(1.0),
-        },
-    )
-    .ok()
+    let options = LoadOptions {
+        up: Some(UpAxis::Y),
+        unit_m: Some(1.0),
+    };
+    load(&path, &options).ok()
 }
 
-/// `bump` as it is against the same scaled and moved: root mean square difference of frames,
-/// levels.
+/// Compares the scene `bump` with the same scene scaled and moved; returns the root mean square
+/// difference of frames, levels.
 fn changed_by(seed: u64, scale: f64, offset: DVec3) -> Option<f64> {
-    let mut dice = Dice::new(seed, 22);
+    let mut rng = case_rng(seed, 22);
     let original = headbox_scenes::build("bump", 0)?;
     let headbox = original.headbox?;
     let place = |p: DVec3| p * scale + offset;
@@ -307,25 +308,18 @@ fn changed_by(seed: u64, scale: f64, offset: DVec3) -> Option<f64> {
         (original, 1.0, headbox.centre),
         (changed, scale, place(headbox.centre)),
     ];
-    let (eye, forward) = (
-        dice.in_cube(0.9),
-        (dvec3(0.0, 0.0, -1.0) + dice.in_cube(0.3)).normalize(),
-    );
+    let offset = rng.in_cube(0.9);
+    let forward = (dvec3(0.0, 0.0, -1.0) + rng.in_cube(0.3)).normalize();
     let frames = pairs.map(|(scene, scale, centre)| {
         let half = headbox.half_size_m * scale;
-        let cube = pack(&capture(Arc::new(scene), centre, half, 40)?)?;
-        // The look-at point is as far as the scene is large.
-        let at = centre + eye * half;
-        let camera = headbox_core::camera::Camera::look_at(
-            at,
-            at + forward * half * 8.0,
-            DVec3::Y,
-            60.0,
-            [64, 48],
-        )
-        .ok()?;
+        let parameters = small_capture(8, 12);
+        let cube = pack(&capture(Arc::new(scene), centre, half, 40, parameters)?)?;
+        let eye = centre + offset * half;
+        // The target is at the scale of the scene.
+        let target = eye + forward * half * 8.0;
+        let camera = Camera::look_at(eye, target, DVec3::Y, 60.0, [64, 48]).ok()?;
         let frame = draw(&cube, &camera, &RenderSettings::default());
-        // A frame that shows nothing would agree with any other that does not.
+        // Two empty frames would be equal.
         let shown = frame
             .coverage
             .iter()
@@ -337,24 +331,27 @@ fn changed_by(seed: u64, scale: f64, offset: DVec3) -> Option<f64> {
     Some(rms_levels(&a?, &b?))
 }
 
-/// Eyes at `gap` half-sizes from the face of the headbox.
+/// Returns the largest share of pixels that show the wall behind a panel or a hole, percent, from
+/// eyes at `gap` half-sizes from a face of the headbox.
 fn near_contact(seed: u64, gap: f64) -> Option<f64> {
     let scene = Arc::new(headbox_scenes::build("contact", 0)?);
     let headbox = scene.headbox?;
-    let cube = pack(&capture(scene, headbox.centre, headbox.half_size_m, 48)?)?;
-    let mut dice = Dice::new(seed, 25);
+    let parameters = small_capture(8, 12);
+    let ldi = capture(scene, headbox.centre, headbox.half_size_m, 48, parameters)?;
+    let cube = pack(&ldi)?;
+    let mut rng = case_rng(seed, 25);
     largest((0..3).map(|_| {
-        let axis = dice.below(3) as usize;
-        let side = if dice.below(2) == 0 { -1.0 } else { 1.0 };
-        let toward = DVec3::AXES[axis] * side;
-        // The panel covers a quarter of the face; its middle.
+        let axis = rng.below(3) as usize;
+        let side = if rng.below(2) == 0 { -1.0 } else { 1.0 };
+        let outward = DVec3::AXES[axis] * side;
         let (right, up) = (DVec3::AXES[(axis + 1) % 3], DVec3::AXES[(axis + 2) % 3]);
+        // The middle of the panel, which covers a quarter of the face.
         let middle = (right * side - up) * 0.5 * headbox.half_size_m;
-        let eye = headbox.centre + toward * headbox.half_size_m * (1.0 - gap) + middle;
-        let camera = look(eye, toward, 60.0, [48, 36]).ok()?;
+        let eye = headbox.centre + outward * headbox.half_size_m * (1.0 - gap) + middle;
+        let camera = look_along(eye, outward, 60.0, [48, 36]).ok()?;
         let frame = draw(&cube, &camera, &RenderSettings::default());
-        // The panel's greens and yellows have more red or green than blue, the walls' greys and
-        // blues have not.
+        // The panel's greens and yellows have more red or green than blue, unlike the walls' greys
+        // and blues.
         let through = |c: &&[u8; 4]| c[2] >= c[0] && c[2] >= c[1];
         Some(100.0 * frame.color.iter().filter(through).count() as f64 / frame.color.len() as f64)
     }))

@@ -1,9 +1,10 @@
-//! Portals (hard case 7; C17).
+//! Cases of portals (hard case 7; C17).
 
 use super::Case;
-use super::bed::{Dice, differing, largest, look};
+use super::fixtures::{case_rng, differing_pixels, largest, look_along};
 use glam::{DQuat, DVec3};
 use headbox_core::camera::Camera;
+use headbox_core::random::Rng;
 use headbox_house::house::House;
 use headbox_house::settings::WalkSettings;
 use headbox_house::store::Store;
@@ -20,14 +21,14 @@ pub(super) fn cases() -> Vec<Case> {
             bound: 2.0,
             reason: "A portal that shows in one pixel must not be culled, and windows are wider than they are by some thousandths of a pixel; but the rasteriser snaps corners to 1/256 px, and a pixel whose middle is as near as that to the edge of an opening may show what lies behind the wall.",
             measure: |seed| {
-                looks(seed, 91, |dice, portal| {
+                largest_culling_change(seed, 91, |rng, portal| {
                     let eye = portal.middle
-                        + portal.normal * dice.between(0.3, 2.0)
-                        + portal.along * dice.between(-0.5, 0.5);
+                        + portal.normal * rng.between(0.3, 2.0)
+                        + portal.along * rng.between(-0.5, 0.5);
                     let corner =
-                        portal.corners[dice.below(portal.corners.len() as u32) as usize] - eye;
-                    let side = if dice.below(2) == 0 { -1.0 } else { 1.0 };
-                    // The view's vertical borders stand half of the horizontal field away from its
+                        portal.corners[rng.below(portal.corners.len() as u64) as usize] - eye;
+                    let side = if rng.below(2) == 0 { -1.0 } else { 1.0 };
+                    // The left and right borders are half of the horizontal field of view from the
                     // middle.
                     let flat = corner.with_y(0.0).normalize_or_zero();
                     let aspect = f64::from(WIDTH) / f64::from(HEIGHT);
@@ -43,14 +44,14 @@ pub(super) fn cases() -> Vec<Case> {
             bound: 2.0,
             reason: "A portal too near for its outline to be trusted is passed unclipped; seen at a slant it is clipped in f64. The same pixel.",
             measure: |seed| {
-                looks(seed, 92, |dice, portal| {
-                    let off = [1e-9, 1e-6, 1e-3, 0.02][dice.below(4) as usize]
-                        * if dice.below(2) == 0 { -1.0 } else { 1.0 };
-                    let beside = dice.between(-0.25, 0.25);
+                largest_culling_change(seed, 92, |rng, portal| {
+                    let off = [1e-9, 1e-6, 1e-3, 0.02][rng.below(4) as usize]
+                        * if rng.below(2) == 0 { -1.0 } else { 1.0 };
+                    let beside = rng.between(-0.25, 0.25);
                     let eye = portal.middle + portal.normal * off + portal.along * beside;
                     (
                         eye,
-                        portal.along * -beside.signum() + portal.normal * dice.between(-0.2, 0.2),
+                        portal.along * -beside.signum() + portal.normal * rng.between(-0.2, 0.2),
                     )
                 })
             },
@@ -62,35 +63,35 @@ const WIDTH: u32 = 64;
 const HEIGHT: u32 = 48;
 const FOV_Y_DEG: f64 = 60.0;
 
-/// The bare house.
+/// The built-in house with little furniture.
 static HOUSE: LazyLock<Option<House>> =
     LazyLock::new(|| House::new(headbox_scenes::house(0, 5_000)).ok());
 
-/// A portal to look at.
+/// Geometry of a portal.
 struct PortalOpening<'a> {
     corners: &'a [DVec3],
     middle: DVec3,
-    /// Unit, horizontal in a door or window.
+    /// Unit normal, horizontal for a door or window.
     normal: DVec3,
-    /// Unit, horizontal, in the portal's plane.
+    /// Horizontal unit vector in the portal's plane.
     along: DVec3,
 }
 
-/// Looks at portals by chance until some eyes stood in cells: the largest number of pixels that
-/// culling changes.
-fn looks(
+/// Renders views of random portals from eyes in cells; returns the largest number of pixels that
+/// culling changes. `aim` chooses eye and direction.
+fn largest_culling_change(
     seed: u64,
     stream: u64,
-    aim: impl Fn(&mut Dice, &PortalOpening) -> (DVec3, DVec3),
+    aim: impl Fn(&mut Rng, &PortalOpening) -> (DVec3, DVec3),
 ) -> Option<f64> {
-    const LOOKS: usize = 6;
+    const VIEWS: usize = 6;
     const MOST_TRIES: usize = 200;
-    let mut dice = Dice::new(seed, stream);
+    let mut rng = case_rng(seed, stream);
     let house = HOUSE.as_ref()?;
     let portals = &house.plan().portals;
-    let mut found = Vec::new();
+    let mut changes = Vec::new();
     for _ in 0..MOST_TRIES {
-        let corners = &portals[dice.below(portals.len() as u32) as usize].polygon;
+        let corners = &portals[rng.below(portals.len() as u64) as usize].polygon;
         let normal = (corners[1] - corners[0])
             .cross(corners[2] - corners[0])
             .normalize_or_zero();
@@ -100,23 +101,21 @@ fn looks(
             normal,
             along: DVec3::Y.cross(normal).normalize_or_zero(),
         };
-        let (eye, forward) = aim(&mut dice, &opening);
-        // Eyes in walls see all cells anyway.
+        let (eye, forward) = aim(&mut rng, &opening);
+        // From an eye in a wall, nothing is culled.
         if house.cell_of_eye(eye).is_some() && forward.length() > 0.1 {
-            found.push(changed_by_culling(
-                house,
-                &look(eye, forward, FOV_Y_DEG, [WIDTH, HEIGHT]).ok()?,
-            ));
+            let camera = look_along(eye, forward, FOV_Y_DEG, [WIDTH, HEIGHT]).ok()?;
+            changes.push(Some(changed_by_culling(house, &camera)));
         }
-        if found.len() == LOOKS {
-            return largest(found);
+        if changes.len() == VIEWS {
+            return largest(changes);
         }
     }
     None
 }
 
-/// Pixels in which a frame of what shows through portals differs from one of all cells.
-fn changed_by_culling(house: &House, camera: &Camera) -> Option<f64> {
+/// Counts the pixels in which a frame with portal culling differs from one of all cells.
+fn changed_by_culling(house: &House, camera: &Camera) -> f64 {
     let settings = WalkSettings::default();
     let mut walker = Walker::new();
     let (culled, _) = walker.frame(house, &Store::new(0), camera, &settings);
@@ -134,5 +133,5 @@ fn changed_by_culling(house: &House, camera: &Camera) -> Option<f64> {
     };
     let mut rasterizer = Rasterizer::new();
     let (whole, _) = rasterizer.draw(house.mesh(), camera, &view, house.sky());
-    Some(differing(culled, &whole.frame, 0) as f64)
+    differing_pixels(culled, &whole.frame) as f64
 }

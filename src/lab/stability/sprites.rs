@@ -1,9 +1,10 @@
-//! Sprites with depth (hard case 6; C4 to C7).
+//! Cases of sprites with depth (hard case 6; C4 to C7).
 
 use super::Case;
-use super::bed::{Dice, largest, look};
+use super::fixtures::{case_rng, largest, look_along, random_direction};
 use glam::{DVec3, dvec3};
 use headbox_core::camera::Camera;
+use headbox_core::random::Rng;
 use headbox_sprite::{
     Displacement, DisplacementFormat, Outcome, PreparedSprite, RenderOptions, Sprite, SpriteLayer,
     SpritePlane, SpriteRenderer, SpriteSampling, SpriteTransfer, SpriteVariant, SpriteWithDepth,
@@ -21,13 +22,13 @@ pub(super) fn cases() -> Vec<Case> {
             bound: 0.0,
             reason: "A plane seen edge-on is a line: it is named and left out.",
             measure: |seed| {
-                let mut dice = Dice::new(seed, 61);
-                let sprite = prepared(&mut dice, 0.1)?;
+                let mut rng = case_rng(seed, 61);
+                let sprite = PreparedSprite::new(sprite(&mut rng, 0.1)?);
                 largest([0.0, 1e-12, -1e-12, 1e-6].map(|off| {
-                    let eye = dvec3(dice.between(-1.0, 1.0), dice.between(-1.0, 1.0), -2.0 + off);
-                    let target = camera(eye, dice.direction())?;
+                    let eye = dvec3(rng.between(-1.0, 1.0), rng.between(-1.0, 1.0), -2.0 + off);
+                    let target = camera(eye, random_direction(&mut rng))?;
                     largest(SpriteVariant::ALL.map(|variant| {
-                        let (outcome, frame) = rendered(&sprite, &target, variant);
+                        let (outcome, frame) = render(&sprite, &target, variant);
                         let drawn = frame.pixels().iter().filter(|p| p[3] > 0).count();
                         Some(if outcome == Outcome::Drawn {
                             1.0
@@ -45,19 +46,19 @@ pub(super) fn cases() -> Vec<Case> {
             bound: 1e-6,
             reason: "The matrices are f64; at 0.1 degrees their condition is some 1e8, which leaves 8 digits.",
             measure: |seed| {
-                let mut dice = Dice::new(seed, 62);
+                let mut rng = case_rng(seed, 62);
                 largest((0..40).map(|_| {
-                    let sprite = sprite(&mut dice, 0.0)?;
-                    let height = 10f64.powf(dice.between(-2.7, 0.0));
+                    let sprite = sprite(&mut rng, 0.0)?;
+                    let height = 10f64.powf(rng.between(-2.7, 0.0));
                     let target = camera(
-                        dvec3(dice.between(-0.5, 0.5), 1.0, -2.0 + height),
+                        dvec3(rng.between(-0.5, 0.5), 1.0, -2.0 + height),
                         dvec3(0.0, -1.0, 0.0),
                     )?;
                     let Ok(transfer) = SpriteTransfer::new(sprite.sprite(), &target) else {
                         return Some(0.0);
                     };
-                    let [x, y] = [0, 1].map(|_| dice.between(0.0, f64::from(SIZE)));
-                    // The plane is 2 m before the origin, where the sprite was taken.
+                    let [x, y] = [0, 1].map(|_| rng.between(0.0, f64::from(SIZE)));
+                    // The plane is 2 m in front of the origin, the eye of the sprite's camera.
                     let source = sprite.sprite().camera();
                     let point = source.eye() + source.direction(x, y) * 2.0;
                     let Some([tx, ty, depth]) = target.project(point) else {
@@ -67,12 +68,12 @@ pub(super) fn cases() -> Vec<Case> {
                     if depth < 1e-3 || !frame.contains(&tx) || !frame.contains(&ty) {
                         return Some(0.0);
                     }
-                    let there = transfer.target_from_sprite * dvec3(x, y, 1.0);
+                    let forward = transfer.target_from_sprite * dvec3(x, y, 1.0);
                     let back = transfer.sprite_from_target * dvec3(tx, ty, 1.0);
-                    let [there, back] = [there, back].map(|h| (h.x / h.z, h.y / h.z));
+                    let [forward, back] = [forward, back].map(|h| (h.x / h.z, h.y / h.z));
                     Some(
-                        (there.0 - tx)
-                            .hypot(there.1 - ty)
+                        (forward.0 - tx)
+                            .hypot(forward.1 - ty)
                             .max((back.0 - x).hypot(back.1 - y)),
                     )
                 }))
@@ -85,21 +86,15 @@ pub(super) fn cases() -> Vec<Case> {
             bound: 0.0,
             reason: "Bit for bit: displacement 0 is a number of its own in every format.",
             measure: |seed| {
-                let mut dice = Dice::new(seed, 63);
-                let sprite = prepared(&mut dice, 0.0)?;
-                let target = camera(dice.in_cube(0.4), DVec3::NEG_Z)?;
-                let (_, flat) = rendered(&sprite, &target, SpriteVariant::Homography);
+                let mut rng = case_rng(seed, 63);
+                let sprite = PreparedSprite::new(sprite(&mut rng, 0.0)?);
+                let target = camera(rng.in_cube(0.4), DVec3::NEG_Z)?;
+                let (_, flat) = render(&sprite, &target, SpriteVariant::Homography);
                 largest(
                     [SpriteVariant::OnePass, SpriteVariant::TwoPass].map(|variant| {
-                        let (_, frame) = rendered(&sprite, &target, variant);
-                        Some(
-                            frame
-                                .pixels()
-                                .iter()
-                                .zip(flat.pixels())
-                                .filter(|(a, b)| a != b)
-                                .count() as f64,
-                        )
+                        let (_, frame) = render(&sprite, &target, variant);
+                        let pairs = frame.pixels().iter().zip(flat.pixels());
+                        Some(pairs.filter(|(a, b)| a != b).count() as f64)
                     }),
                 )
             },
@@ -119,14 +114,14 @@ pub(super) fn cases() -> Vec<Case> {
             bound: 0.0,
             reason: "Pixels are premultiplied; whatever the geometry, colour stays within alpha.",
             measure: |seed| {
-                let mut dice = Dice::new(seed, 65);
-                let sprite = prepared(&mut dice, 0.8)?;
+                let mut rng = case_rng(seed, 65);
+                let sprite = PreparedSprite::new(sprite(&mut rng, 0.8)?);
                 largest(SpriteVariant::ALL.map(|variant| {
                     let target = camera(
-                        dice.in_cube(1.5),
-                        (DVec3::NEG_Z + dice.in_cube(0.5)).normalize(),
+                        rng.in_cube(1.5),
+                        (DVec3::NEG_Z + rng.in_cube(0.5)).normalize(),
                     )?;
-                    let (_, frame) = rendered(&sprite, &target, variant);
+                    let (_, frame) = render(&sprite, &target, variant);
                     let excess = |p: &&[u8; 4]| p[..3].iter().any(|c| *c > p[3]);
                     Some(frame.pixels().iter().filter(excess).count() as f64)
                 }))
@@ -139,19 +134,16 @@ pub(super) fn cases() -> Vec<Case> {
             bound: 1e-8,
             reason: "The corrected form is the exact inverse; as printed it errs by up to a pixel.",
             measure: |seed| {
-                let mut dice = Dice::new(seed, 66);
-                let sprite = sprite(&mut dice, 0.0)?;
+                let mut rng = case_rng(seed, 66);
+                let sprite = sprite(&mut rng, 0.0)?;
                 let target = camera(
-                    dice.in_cube(0.4),
-                    (DVec3::NEG_Z + dice.in_cube(0.2)).normalize(),
+                    rng.in_cube(0.4),
+                    (DVec3::NEG_Z + rng.in_cube(0.2)).normalize(),
                 )?;
                 let t = SpriteTransfer::new(sprite.sprite(), &target).ok()?;
                 largest((0..200).map(|_| {
-                    let (x, y) = (
-                        dice.between(0.0, f64::from(SIZE)),
-                        dice.between(0.0, f64::from(SIZE)),
-                    );
-                    let d = dice.between(-0.05, 0.05);
+                    let [x, y] = [0, 1].map(|_| rng.between(0.0, f64::from(SIZE)));
+                    let d = rng.between(-0.05, 0.05);
                     let Some([x2, y2]) = t.forward(x, y, d) else {
                         return Some(0.0);
                     };
@@ -167,32 +159,25 @@ pub(super) fn cases() -> Vec<Case> {
 }
 
 fn camera(eye: DVec3, forward: DVec3) -> Option<Camera> {
-    look(eye, forward, 55.0, [SIZE, SIZE]).ok()
+    look_along(eye, forward, 55.0, [SIZE, SIZE]).ok()
 }
 
-/// A sprite on the plane z = -2, seen from the origin, its displacements at random up to
-/// `steepness` of the way to the eye.
-fn sprite(dice: &mut Dice, steepness: f64) -> Option<SpriteWithDepth> {
+/// Creates a sprite on the plane z = -2, seen from the origin, with random displacements up to
+/// `steepness` of the distance to the eye.
+fn sprite(rng: &mut Rng, steepness: f64) -> Option<SpriteWithDepth> {
     let color = RgbaImage::from_fn(SIZE, SIZE, |x, y| {
         Rgba([(x * 5) as u8, (y * 5) as u8, 128, 255])
     });
     let plane = SpritePlane::through(dvec3(0.0, 0.0, -2.0), DVec3::Z);
     let sprite = Sprite::new(color, camera(DVec3::ZERO, DVec3::NEG_Z)?, plane).ok()?;
     let values: Vec<f32> = (0..SIZE * SIZE)
-        .map(|_| dice.between(-steepness, steepness) as f32)
+        .map(|_| rng.between(-steepness, steepness) as f32)
         .collect();
-    SpriteWithDepth::new(
-        sprite,
-        Displacement::new(SIZE, SIZE, &values, DisplacementFormat::I8).ok()?,
-    )
-    .ok()
+    let displacement = Displacement::new(SIZE, SIZE, &values, DisplacementFormat::I8).ok()?;
+    SpriteWithDepth::new(sprite, displacement).ok()
 }
 
-fn prepared(dice: &mut Dice, steepness: f64) -> Option<PreparedSprite> {
-    Some(PreparedSprite::new(sprite(dice, steepness)?))
-}
-
-fn rendered(
+fn render(
     sprite: &PreparedSprite,
     target: &Camera,
     variant: SpriteVariant,
@@ -207,8 +192,9 @@ fn rendered(
     (outcome, frame)
 }
 
+/// Counts the pixels in the middle of a near strip that show the ground behind it.
 fn folding(seed: u64) -> Option<f64> {
-    let mut dice = Dice::new(seed, 64);
+    let mut rng = case_rng(seed, 64);
     const STRIP: std::ops::Range<u32> = 20..28;
     let color = RgbaImage::from_fn(SIZE, SIZE, |x, _| {
         if STRIP.contains(&x) {
@@ -220,7 +206,7 @@ fn folding(seed: u64) -> Option<f64> {
     let plane = SpritePlane::through(dvec3(0.0, 0.0, -2.0), DVec3::Z);
     let sprite = Sprite::new(color, camera(DVec3::ZERO, DVec3::NEG_Z)?, plane).ok()?;
     // d = (Z_plane - Z) / Z of the strip.
-    let near = dice.between(0.3, 0.8);
+    let near = rng.between(0.3, 0.8);
     let values: Vec<f32> = (0..SIZE * SIZE)
         .map(|i| {
             if STRIP.contains(&(i % SIZE)) {
@@ -232,16 +218,16 @@ fn folding(seed: u64) -> Option<f64> {
         .collect();
     let displacement = Displacement::new(SIZE, SIZE, &values, DisplacementFormat::F32).ok()?;
     let sprite = SpriteWithDepth::new(sprite, displacement).ok()?;
-    let target = camera(dvec3(dice.between(-0.4, 0.4), 0.0, 0.0), DVec3::NEG_Z)?;
+    let target = camera(dvec3(rng.between(-0.4, 0.4), 0.0, 0.0), DVec3::NEG_Z)?;
     let transfer = SpriteTransfer::new(sprite.sprite(), &target).ok()?;
     let [left, _] = transfer.forward(f64::from(STRIP.start) + 2.0, 24.0, near)?;
     let [right, _] = transfer.forward(f64::from(STRIP.end) - 2.0, 24.0, near)?;
-    let (_, frame) = rendered(
+    let (_, frame) = render(
         &PreparedSprite::new(sprite),
         &target,
         SpriteVariant::TwoPass,
     );
     let inside = |x: u32| (left..right).contains(&(f64::from(x) + 0.5));
-    let wrong = |i: u32| inside(i % SIZE) && frame.pixels()[i as usize][0] < 200;
-    Some((0..SIZE * SIZE).filter(|i| wrong(*i)).count() as f64)
+    let is_wrong = |i: &u32| inside(i % SIZE) && frame.pixels()[*i as usize][0] < 200;
+    Some((0..SIZE * SIZE).filter(is_wrong).count() as f64)
 }

@@ -1,4 +1,4 @@
-//! Test bed of the cases: random numbers, small captures, small LDIs, comparisons.
+//! Fixtures of the cases: random numbers, small captures, small LDIs, comparisons of frames.
 
 use glam::{DVec3, Vec3};
 use headbox_core::camera::{Camera, CameraError};
@@ -22,65 +22,42 @@ use headbox_trace::light::Lighting;
 use image::RgbImage;
 use std::sync::{Arc, LazyLock};
 
-/// Chance: a stream of numbers for each case of a seed.
-pub(super) struct Dice(Rng);
+/// Returns the random numbers of a case: a stream for each seed.
+pub(super) fn case_rng(seed: u64, stream: u64) -> Rng {
+    Rng::keyed(
+        seed.wrapping_mul(0x2545_f491_4f6c_dd1d) ^ stream.wrapping_mul(0x9e37_79b9_7f4a_7c15),
+    )
+}
 
-impl Dice {
-    pub(super) fn new(seed: u64, stream: u64) -> Self {
-        Self(Rng::keyed(
-            seed.wrapping_mul(0x2545_f491_4f6c_dd1d) ^ stream.wrapping_mul(0x9e37_79b9_7f4a_7c15),
-        ))
-    }
-
-    pub(super) fn bits(&mut self) -> u64 {
-        self.0.bits()
-    }
-
-    pub(super) fn between(&mut self, low: f64, high: f64) -> f64 {
-        self.0.between(low, high)
-    }
-
-    pub(super) fn below(&mut self, count: u32) -> u32 {
-        self.0.below(count.into()) as u32
-    }
-
-    pub(super) fn in_cube(&mut self, half: f64) -> DVec3 {
-        self.0.in_cube(half)
-    }
-
-    pub(super) fn direction(&mut self) -> DVec3 {
-        loop {
-            let v = self.in_cube(1.0);
-            if (0.01..=1.0).contains(&v.length()) {
-                return v.normalize();
-            }
+/// Returns a uniform unit vector.
+pub(super) fn random_direction(rng: &mut Rng) -> DVec3 {
+    loop {
+        let v = rng.in_cube(1.0);
+        if (0.01..=1.0).contains(&v.length()) {
+            return v.normalize();
         }
     }
 }
 
-/// Captures a scene without light about a centre: small and quick.
+/// Returns the parameters of a small capture without light.
+pub(super) fn small_capture(strata: u32, rays: u32) -> CaptureParameters {
+    CaptureParameters {
+        seed: 1,
+        ..CaptureParameters::unlit(strata, rays)
+    }
+}
+
+/// Captures a scene about a centre.
 pub(super) fn capture(
     scene: Arc<Scene>,
     centre: DVec3,
     half_size_m: f64,
     face_size_px: u32,
-) -> Option<CubeSamples> {
-    capture_with(scene, centre, half_size_m, face_size_px, (8, 12))
-}
-
-fn capture_with(
-    scene: Arc<Scene>,
-    centre: DVec3,
-    half_size_m: f64,
-    face_size_px: u32,
-    (strata, rays): (u32, u32),
+    parameters: CaptureParameters,
 ) -> Option<CubeSamples> {
     let spec = CaptureSpec {
         face_size_px,
-        parameters: CaptureParameters {
-            seed: 1,
-            ..CaptureParameters::unlit(strata, rays)
-        },
+        parameters,
         ..CaptureSpec::new(SceneSource::new("stability"), centre, half_size_m)
     };
     let tracer = Tracer::new(scene, centre);
@@ -91,27 +68,27 @@ fn capture_with(
     Some(ldi)
 }
 
-/// Packs in the default layout.
+/// Packs an LDI in the default layout.
 pub(super) fn pack(ldi: &CubeSamples) -> Option<CubeLdi> {
     CubeLdi::pack(ldi, SplatIndexLayout::Normal, Split::Auto).ok()
 }
 
-/// A room, captured without light: half-size, LDI, packed.
-pub(super) static ROOM: LazyLock<Option<TestBed>> = LazyLock::new(|| {
+/// The scene `interior`, captured without light.
+pub(super) static ROOM: LazyLock<Option<CapturedRoom>> = LazyLock::new(|| {
     let scene = Arc::new(headbox_scenes::build("interior", 0)?);
     let headbox = scene.headbox?;
-    let ldi = capture_with(
+    let ldi = capture(
         Arc::clone(&scene),
         headbox.centre,
         headbox.half_size_m,
         128,
-        (12, 8),
+        small_capture(12, 8),
     )?;
     let cube = pack(&ldi)?;
     let tracer = Tracer::new(scene, headbox.centre);
-    Some(TestBed {
+    Some(CapturedRoom {
         centre: headbox.centre,
-        half: headbox.half_size_m,
+        half_size_m: headbox.half_size_m,
         ldi,
         cube,
         tracer,
@@ -119,40 +96,41 @@ pub(super) static ROOM: LazyLock<Option<TestBed>> = LazyLock::new(|| {
 });
 
 /// A captured room.
-pub(super) struct TestBed {
+pub(super) struct CapturedRoom {
     pub(super) centre: DVec3,
-    pub(super) half: f64,
+    pub(super) half_size_m: f64,
     pub(super) ldi: CubeSamples,
     pub(super) cube: CubeLdi,
     tracer: Tracer,
 }
 
-impl TestBed {
-    /// A camera in the room, `offset` half-sizes from the centre.
+impl CapturedRoom {
+    /// Returns a camera in the room, `offset` half-sizes from the centre.
     pub(super) fn camera(&self, offset: DVec3, forward: DVec3, fov_deg: f64) -> Option<Camera> {
-        look(self.centre + offset * self.half, forward, fov_deg, [64, 48]).ok()
+        let eye = self.centre + offset * self.half_size_m;
+        look_along(eye, forward, fov_deg, [64, 48]).ok()
     }
 
-    /// Ray-traced truth of the camera, unlit as the capture is.
+    /// Renders the ray-traced truth of a camera, without light, like the capture.
     pub(super) fn truth(&self, camera: &Camera) -> RgbImage {
         let lighting = Lighting::of_scene(&self.tracer, 0);
         headbox_trace::truth::render(&self.tracer, &lighting, false, camera, 8, &Silent).rgb()
     }
 }
 
-/// A camera that looks along a direction.
-pub(super) fn look(
+/// Returns a camera that looks along a direction.
+pub(super) fn look_along(
     eye: DVec3,
     forward: DVec3,
     fov_deg: f64,
-    [width, height]: [u32; 2],
+    size_px: [u32; 2],
 ) -> Result<Camera, CameraError> {
-    Camera::look_at(eye, eye + forward, DVec3::Y, fov_deg, [width, height])
+    Camera::look_at(eye, eye + forward, DVec3::Y, fov_deg, size_px)
 }
 
-/// A cube LDI about the origin with a headbox of half-size 0.5: of each pixel of the given faces,
-/// the samples (farthest first) that `samples` makes of its position on the face in pixels.
-pub(super) fn ldi_of(
+/// Builds a cube LDI about the origin with a headbox of half-size 0.5. `samples` returns the samples
+/// of a pixel of the given faces, farthest first, from its position on the face, px.
+pub(super) fn build_ldi(
     face_px: u32,
     faces: &[Face],
     mut samples: impl FnMut(Face, f64, f64) -> Vec<DepthPixel>,
@@ -169,25 +147,24 @@ pub(super) fn ldi_of(
         }
         all.push(ldi);
     }
-    let info = CaptureInfo {
-        scene: "stability".into(),
-        half_size_m: 0.5,
-        exposure: 1.0,
-        ..CaptureInfo::default()
-    };
     CubeSamples {
-        info,
+        info: CaptureInfo {
+            scene: "stability".into(),
+            half_size_m: 0.5,
+            exposure: 1.0,
+            ..CaptureInfo::default()
+        },
         faces: all,
         environment: Environment::default(),
     }
 }
 
-/// An opaque sample that faces the centre of its cube face.
-pub(super) fn sample(face: Face, inverse_depth: f64, [r, g, b]: [u8; 3]) -> DepthPixel {
-    sample_with_normal(-face.normal().as_vec3(), inverse_depth, [r, g, b])
+/// Returns an opaque sample whose normal is opposite to that of its cube face.
+pub(super) fn sample(face: Face, inverse_depth: f64, color: [u8; 3]) -> DepthPixel {
+    sample_with_normal(-face.normal().as_vec3(), inverse_depth, color)
 }
 
-/// An opaque sample.
+/// Returns an opaque sample.
 pub(super) fn sample_with_normal(
     normal: Vec3,
     inverse_depth: f64,
@@ -205,15 +182,15 @@ pub(super) fn draw(cube: &CubeLdi, camera: &Camera, settings: &RenderSettings) -
     Renderer::new().render(cube, camera, settings).clone()
 }
 
-/// The settings of a kernel.
-pub(super) fn kernel(kernel: SplatKernel) -> RenderSettings {
+/// Returns the default settings with another kernel.
+pub(super) fn with_kernel(kernel: SplatKernel) -> RenderSettings {
     RenderSettings {
         kernel,
         ..RenderSettings::default()
     }
 }
 
-/// Root mean square difference of two frames' channels, levels.
+/// Returns the root mean square difference of two frames' channels, levels.
 pub(super) fn rms_levels(a: &Frame, b: &Frame) -> f64 {
     let squares = a
         .color
@@ -223,24 +200,24 @@ pub(super) fn rms_levels(a: &Frame, b: &Frame) -> f64 {
     (squares.sum::<f64>() / (3 * a.color.len().max(1)) as f64).sqrt()
 }
 
-/// Mean difference of a frame's channels from those of a picture, levels.
-pub(super) fn mean_levels(frame: &Frame, picture: &RgbImage) -> f64 {
-    let of_pixel = |(a, b): (&[u8; 4], &image::Rgb<u8>)| {
+/// Returns the mean absolute difference of the channels of a frame and an image, levels.
+pub(super) fn mean_levels(frame: &Frame, image: &RgbImage) -> f64 {
+    let difference = |(a, b): (&[u8; 4], &image::Rgb<u8>)| {
         (0..3)
             .map(|c| f64::from(a[c].abs_diff(b.0[c])))
             .sum::<f64>()
     };
-    let sum: f64 = frame.color.iter().zip(picture.pixels()).map(of_pixel).sum();
+    let sum: f64 = frame.color.iter().zip(image.pixels()).map(difference).sum();
     sum / (3 * frame.color.len().max(1)) as f64
 }
 
-/// Pixels that differ in any channel by more than `levels`.
-pub(super) fn differing(a: &Frame, b: &Frame, levels: u8) -> usize {
-    let differs = |(p, q): &(&[u8; 4], &[u8; 4])| (0..3).any(|c| p[c].abs_diff(q[c]) > levels);
+/// Counts the pixels that differ in a colour channel.
+pub(super) fn differing_pixels(a: &Frame, b: &Frame) -> usize {
+    let differs = |(p, q): &(&[u8; 4], &[u8; 4])| p[..3] != q[..3];
     a.color.iter().zip(&b.color).filter(differs).count() + a.color.len().abs_diff(b.color.len())
 }
 
-/// The largest of some values; `None` if there are none, or one is missing.
+/// Returns the largest of the values, or a NaN among them; `None` if one is missing.
 pub(super) fn largest(values: impl IntoIterator<Item = Option<f64>>) -> Option<f64> {
     values.into_iter().try_fold(f64::NEG_INFINITY, |a, b| {
         b.map(|b| if b.is_nan() { b } else { a.max(b) })
