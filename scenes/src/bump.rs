@@ -1,8 +1,8 @@
-//! `bump`: a plane with a hemisphere and a pyramid on it, after figure 3 of Shade et al. 1998,
-//! textured so that every distortion shows.
+//! `bump`: a plane with a hemisphere and a pyramid, after figure 3 of Shade et al. 1998, with
+//! textures that make distortions visible.
 
 use crate::mesh::{Mesh, Vertex};
-use crate::texture::{mix, noise, paint};
+use crate::texture::{checkerboard, mix, noise, paint};
 use glam::{DVec2, DVec3};
 use headbox_scene::material::Texture;
 use headbox_scene::scene::Scene;
@@ -11,17 +11,18 @@ use std::f64::consts::FRAC_PI_2;
 /// Half of the plane's edge, metres.
 const HALF: f64 = 2.0;
 
-/// The scene stands upright: the plane is z = 0, and what is on it rises toward +z, where the
-/// headbox is.
+/// Builds the scene: the plane is z = 0, and the shapes rise toward +z, where the headbox is.
 pub(crate) fn build(seed: u64) -> Scene {
     let mut mesh = Mesh::default();
     let plane = mesh.textured(
         "plane",
         checks([0.85, 0.83, 0.78], [0.25, 0.33, 0.45], seed),
     );
+    // Bands between parallels and meridians.
+    let (orange, cream) = ([0.90, 0.45, 0.20], [0.98, 0.90, 0.75]);
     let dome = mesh.textured(
         "hemisphere",
-        stripes([0.90, 0.45, 0.20], [0.98, 0.90, 0.75]),
+        checkerboard([256; 2], [4.0, 6.0], orange, cream),
     );
     let pyramid = mesh.textured(
         "pyramid",
@@ -41,7 +42,7 @@ pub(crate) fn build(seed: u64) -> Scene {
     mesh.finish("bump", DVec3::new(0.0, 0.0, 3.0), 0.5)
 }
 
-/// A hemisphere that rises toward +z.
+/// Adds a hemisphere that rises toward +z.
 fn add_dome(mesh: &mut Mesh, centre: DVec3, radius: f64, material: u32) {
     const SIDES: usize = 96;
     const ROWS: usize = 32;
@@ -59,7 +60,7 @@ fn add_dome(mesh: &mut Mesh, centre: DVec3, radius: f64, material: u32) {
     });
 }
 
-/// A square pyramid that rises toward +z.
+/// Adds a square pyramid that rises toward +z.
 fn add_pyramid(mesh: &mut Mesh, centre: DVec3, half: f64, height: f64, material: u32) {
     let foot = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)]
         .map(|(x, y)| centre + DVec3::new(x, y, 0.0) * half);
@@ -78,7 +79,7 @@ fn add_pyramid(mesh: &mut Mesh, centre: DVec3, half: f64, height: f64, material:
     }
 }
 
-/// Four by four checks with thin lines between, slightly mottled so that no two are alike.
+/// Four by four checks separated by thin lines and slightly mottled, so that all are different.
 fn checks(light: [f64; 3], dark: [f64; 3], seed: u64) -> Texture {
     paint(256, 256, |u, v| {
         let (x, y) = (u * 4.0, v * 4.0);
@@ -87,13 +88,5 @@ fn checks(light: [f64; 3], dark: [f64; 3], seed: u64) -> Texture {
         let base = if is_light { light } else { dark };
         let mottled = mix(base, [0.5, 0.5, 0.5], 0.35 * noise(u, v, 8, 8, seed));
         if on_line { [0.1, 0.1, 0.1] } else { mottled }
-    })
-}
-
-/// Parallels and meridians.
-fn stripes(a: [f64; 3], b: [f64; 3]) -> Texture {
-    paint(256, 256, |u, v| {
-        let band = ((u * 4.0).floor() + (v * 6.0).floor()) % 2.0 == 0.0;
-        if band { a } else { b }
     })
 }

@@ -1,6 +1,6 @@
 //! `castle`: a castle's wall with an open gate between two towers, and the keep in the court
-//! behind: what view-dependent geometry was measured on (Evers-Senne and Koch), who put a gate
-//! before their castle so that there is something to see past.
+//! behind, after the scene of the paper on view-dependent geometry (Evers-Senne and Koch), where a
+//! gate in front of the castle causes occlusion.
 
 use crate::mesh::{Mesh, Vertex};
 use crate::texture::{fractal, mix, noise, paint, shade};
@@ -11,16 +11,18 @@ use std::f64::consts::PI;
 
 /// Height of the wall, metres.
 const WALL_M: f64 = 5.0;
-/// Faces of the wall.
+/// Front face of the wall, z, metres.
 const FRONT_Z: f64 = -7.0;
+/// Back face of the wall, z, metres.
 const BACK_Z: f64 = -8.2;
-/// Half of the gate's width, and where its arch begins.
+/// Half of the gate's width, metres.
 const GATE_M: f64 = 1.3;
+/// Height at which the gate's arch starts, metres.
 const SPRING_M: f64 = 2.0;
-/// Metres that a texture spans.
+/// Period of a texture, metres.
 const TILE_M: f64 = 2.4;
 
-/// Eyes are within 1.2 m of (0, 1.7, 0) and look along -z.
+/// Builds the scene for eyes within 1.2 m of (0, 1.7, 0) that look along -z.
 pub(crate) fn build(seed: u64) -> Scene {
     let mut mesh = Mesh::default();
     let sand = mesh.textured("wall", stones([0.70, 0.62, 0.48], seed));
@@ -43,12 +45,7 @@ pub(crate) fn build(seed: u64) -> Scene {
     for side in [-1.0, 1.0] {
         let (inner, outer) = (side * GATE_M, side * 12.0);
         let low = DVec3::new(f64::min(inner, outer), 0.0, BACK_Z);
-        mesh.add_block(
-            low,
-            DVec3::new(f64::max(inner, outer), WALL_M, FRONT_Z),
-            TILE_M,
-            sand,
-        );
+        mesh.add_block(low, [f64::max(inner, outer), WALL_M, FRONT_Z], TILE_M, sand);
         let tower = DVec3::new(side * 3.1, 0.0, FRONT_Z + 0.2);
         mesh.add_tube(
             &[
@@ -60,7 +57,7 @@ pub(crate) fn build(seed: u64) -> Scene {
             TILE_M,
             grey,
         );
-        // A leaf of the gate, open to the court.
+        // A leaf of the gate, opened toward the court.
         let hinge = DVec3::new(side * (GATE_M - 0.06), 0.0, BACK_Z - 1.25);
         mesh.add_block(
             hinge - DVec3::X * 0.05,
@@ -75,34 +72,19 @@ pub(crate) fn build(seed: u64) -> Scene {
         let merlon = DVec3::new(x, WALL_M, FRONT_Z - 0.4);
         mesh.add_block(merlon, merlon + DVec3::new(0.6, 0.7, 0.4), TILE_M, sand);
     }
-    // The court: the keep, with a bay, a well and a cart's wheel to see past.
-    mesh.add_block(
-        DVec3::new(-9.0, 0.0, -22.0),
-        DVec3::new(9.0, 9.0, -17.0),
-        TILE_M,
-        blue,
-    );
-    mesh.add_block(
-        DVec3::new(-1.1, 0.0, -17.0),
-        DVec3::new(1.7, 6.0, -15.6),
-        TILE_M,
-        grey,
-    );
+    // The court: the keep with a bay, and a well with a beam.
+    mesh.add_block([-9.0, 0.0, -22.0], [9.0, 9.0, -17.0], TILE_M, blue);
+    mesh.add_block([-1.1, 0.0, -17.0], [1.7, 6.0, -15.6], TILE_M, grey);
     mesh.add_cylinder(DVec3::new(0.55, 0.0, -11.5), 0.55, 0.8, 48, grey);
     for beam in [0.05, 1.0] {
         let foot = DVec3::new(beam, 0.0, -11.55);
         mesh.add_block(foot, foot + DVec3::new(0.1, 2.0, 0.1), 1.2, wood);
     }
-    mesh.add_block(
-        DVec3::new(0.0, 2.0, -11.6),
-        DVec3::new(1.15, 2.1, -11.4),
-        1.2,
-        wood,
-    );
+    mesh.add_block([0.0, 2.0, -11.6], [1.15, 2.1, -11.4], 1.2, wood);
     mesh.finish("castle", DVec3::new(0.0, 1.7, 0.0), 1.2)
 }
 
-/// The wall above the gate, and the vault under it.
+/// Adds the wall above the gate, and the vault under it.
 fn add_arch(mesh: &mut Mesh, material: u32) {
     const STEPS: usize = 32;
     let arch = |step: usize, z: f64| {
@@ -135,7 +117,7 @@ fn add_arch(mesh: &mut Mesh, material: u32) {
     });
 }
 
-/// Rows of hewn stones, each of its own shade, with joints between.
+/// Rows of hewn stones with joints, each stone with its own shade.
 fn stones(color: [f64; 3], seed: u64) -> Texture {
     paint(1024, 1024, |u, v| {
         let row = (v * 8.0).floor();
@@ -152,7 +134,7 @@ fn stones(color: [f64; 3], seed: u64) -> Texture {
     })
 }
 
-/// Upright planks.
+/// Vertical planks.
 fn planks(seed: u64) -> Texture {
     paint(256, 256, |u, v| {
         let edge = (u * 6.0).fract() < 0.06;

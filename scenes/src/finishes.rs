@@ -1,11 +1,11 @@
-//! The materials of the room, most of them with a texture of their own.
+//! Materials of furnished rooms, most of them textured.
 
 use crate::mesh::Mesh;
 use crate::texture::{fractal, mix, noise, paint, shade};
 use headbox_core::random::{hash, unit};
 use headbox_scene::material::Texture;
 
-/// Indices of the room's materials.
+/// Indices of the materials.
 pub(crate) struct Finishes {
     pub(crate) parquet: u32,
     pub(crate) tiles: u32,
@@ -72,7 +72,7 @@ impl Finishes {
     }
 }
 
-/// Grain along u.
+/// Wood with its grain along u.
 fn wood(dark: [f64; 3], light: [f64; 3], seed: u64) -> Texture {
     paint(256, 256, |u, v| {
         let rings = (v + 0.08 * noise(u, v, 2, 4, seed)) * 9.0 + noise(u, v, 3, 12, seed + 1);
@@ -86,7 +86,7 @@ fn wood(dark: [f64; 3], light: [f64; 3], seed: u64) -> Texture {
     })
 }
 
-/// Planks of two lengths, eight side by side, each with a shade of its own.
+/// Parquet of eight rows of planks along u, each plank with its own shade.
 fn parquet(seed: u64) -> Texture {
     paint(512, 512, |u, v| {
         let row = (v * 8.0).floor();
@@ -103,7 +103,7 @@ fn parquet(seed: u64) -> Texture {
     })
 }
 
-/// Two by two tiles, dark and light, with grout between.
+/// Two by two tiles, dark and light, with grout.
 fn tiles(seed: u64) -> Texture {
     paint(256, 256, |u, v| {
         let grout = [u, v]
@@ -137,7 +137,7 @@ fn wallpaper() -> Texture {
     })
 }
 
-/// Threads over and under.
+/// Plain weave of two threads.
 fn weave(a: [f64; 3], b: [f64; 3]) -> Texture {
     paint(128, 128, |u, v| {
         let (x, y) = (u * 32.0, v * 32.0);
@@ -147,7 +147,7 @@ fn weave(a: [f64; 3], b: [f64; 3]) -> Texture {
     })
 }
 
-/// Nested frames about a field of checks.
+/// Nested frames around a checkered field.
 fn rug() -> Texture {
     paint(512, 512, |u, v| {
         let edge = u.min(1.0 - u).min(v).min(1.0 - v);
@@ -164,7 +164,7 @@ fn rug() -> Texture {
     })
 }
 
-/// Hills under a sky, coloured squares, or circles.
+/// Picture by `kind`: hills under a sky, coloured squares, or circles.
 fn picture(kind: u32, seed: u64) -> Texture {
     paint(256, 192, |u, v| match kind {
         0 => {

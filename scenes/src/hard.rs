@@ -1,8 +1,8 @@
-//! The hard cases: small scenes, each of which strains one thing.
+//! Hard cases: small scenes that each stress one part of the system.
 
 use crate::bump;
 use crate::mesh::Mesh;
-use crate::texture::paint;
+use crate::texture::checkerboard;
 use glam::DVec3;
 use headbox_core::headbox::Headbox;
 use headbox_core::random::Rng;
@@ -10,25 +10,16 @@ use headbox_scene::material::Texture;
 use headbox_scene::scene::Scene;
 use std::f64::consts::TAU;
 
-fn checkerboard(a: [f64; 3], b: [f64; 3]) -> Texture {
-    paint(64, 64, |u, v| {
-        if ((u * 4.0).floor() + (v * 4.0).floor()) % 2.0 == 0.0 {
-            a
-        } else {
-            b
-        }
-    })
+fn checks(a: [f64; 3], b: [f64; 3]) -> Texture {
+    checkerboard([64; 2], [4.0; 2], a, b)
 }
 
-/// `poles`: poles from 1 mm to 4 cm thick on rings from 2 m to 64 m, over a checkered ground. Most
-/// are thinner than a pixel, at depths that jump from one to the next.
+/// Builds `poles`: poles from 1 mm to 4 cm thick on rings from 2 m to 64 m, over a checkered ground.
+/// Most are thinner than a pixel, with depth discontinuities between neighbours.
 pub(crate) fn poles(seed: u64) -> Scene {
     let mut mesh = Mesh::default();
     let rng = Rng::new(seed);
-    let ground = mesh.textured(
-        "ground",
-        checkerboard([0.55, 0.55, 0.5], [0.35, 0.38, 0.35]),
-    );
+    let ground = mesh.textured("ground", checks([0.55, 0.55, 0.5], [0.35, 0.38, 0.35]));
     mesh.add_rectangle(
         DVec3::new(-80.0, 0.0, 80.0),
         DVec3::X * 160.0,
@@ -47,14 +38,14 @@ pub(crate) fn poles(seed: u64) -> Scene {
     for ring in 0..6_u32 {
         let distance = 2.0 * f64::from(1_u32 << ring);
         for pole in 0..40_u32 {
-            let mut draw = rng.fork(u64::from(ring * 40 + pole));
-            let around = (f64::from(pole) + draw.between(0.0, 0.8)) / 40.0 * TAU;
-            let reach = distance * draw.between(1.0, 1.4);
+            let mut random = rng.fork(u64::from(ring * 40 + pole));
+            let around = (f64::from(pole) + random.between(0.0, 0.8)) / 40.0 * TAU;
+            let reach = distance * random.between(1.0, 1.4);
             let base = DVec3::new(around.cos() * reach, 0.0, around.sin() * reach);
             let lean = DVec3::new(
-                draw.between(-0.3, 0.3),
-                draw.between(2.0, 6.0),
-                draw.between(-0.3, 0.3),
+                random.between(-0.3, 0.3),
+                random.between(2.0, 6.0),
+                random.between(-0.3, 0.3),
             );
             let radius = [0.0005, 0.002, 0.005, 0.02][pole as usize % 4];
             mesh.add_tube(
@@ -68,14 +59,14 @@ pub(crate) fn poles(seed: u64) -> Scene {
     mesh.finish("poles", DVec3::Y * 1.6, 0.5)
 }
 
-/// `edge-on`: planes that contain the centre of the headbox, all around it, so that from there they
-/// are lines and from anywhere else they are not; and a room around them.
+/// Builds `edge-on`: rectangles around the headbox whose planes contain its centre, so that they are
+/// lines from there and areas from anywhere else; and a room around them.
 pub(crate) fn edge_on(_seed: u64) -> Scene {
     let mut mesh = Mesh::default();
-    let wall = mesh.textured("wall", checkerboard([0.8, 0.8, 0.8], [0.6, 0.6, 0.65]));
-    let blade = mesh.textured("blade", checkerboard([0.8, 0.3, 0.2], [0.95, 0.85, 0.7]));
+    let wall = mesh.textured("wall", checks([0.8, 0.8, 0.8], [0.6, 0.6, 0.65]));
+    let blade = mesh.textured("blade", checks([0.8, 0.3, 0.2], [0.95, 0.85, 0.7]));
     add_room(&mut mesh, DVec3::splat(4.0), wall);
-    // Around all three axes, so that every face of a cube sees some.
+    // Around all three axes, so that every face of a cube contains some.
     for axis in 0..3 {
         let along = DVec3::AXES[axis];
         let (x_axis, y_axis) = (DVec3::AXES[(axis + 1) % 3], DVec3::AXES[(axis + 2) % 3]);
@@ -89,14 +80,14 @@ pub(crate) fn edge_on(_seed: u64) -> Scene {
     mesh.finish("edge-on", DVec3::ZERO, 0.5)
 }
 
-/// `contact`: a panel one millimetre before every face of the headbox, covering a quarter of it, in
+/// Builds `contact`: a panel 1 mm in front of every face of the headbox, covering a quarter of it, in
 /// a room.
 pub(crate) fn contact(_seed: u64) -> Scene {
     const HALF: f64 = 0.5;
     const GAP: f64 = 0.001;
     let mut mesh = Mesh::default();
-    let wall = mesh.textured("wall", checkerboard([0.8, 0.8, 0.8], [0.5, 0.6, 0.7]));
-    let panel = mesh.textured("panel", checkerboard([0.2, 0.5, 0.3], [0.9, 0.9, 0.7]));
+    let wall = mesh.textured("wall", checks([0.8, 0.8, 0.8], [0.5, 0.6, 0.7]));
+    let panel = mesh.textured("panel", checks([0.2, 0.5, 0.3], [0.9, 0.9, 0.7]));
     add_room(&mut mesh, DVec3::splat(3.0), wall);
     for axis in 0..3 {
         for side in [-1.0, 1.0] {
@@ -108,55 +99,48 @@ pub(crate) fn contact(_seed: u64) -> Scene {
     mesh.finish("contact", DVec3::ZERO, HALF)
 }
 
-/// `far-offset`: `bump` with stairs of millimetres beside it, moved by 1e5 m in every direction: in
-/// `f32` all of it would lie on a grid of 8 mm.
+/// Builds `far-offset`: `bump` with adjacent stairs of 1 mm steps, moved by 1e5 m along every axis:
+/// `f32` coordinates would be multiples of 8 mm.
 pub(crate) fn far_offset(seed: u64) -> Scene {
     let mut scene = bump::build(seed);
     let mut stairs = Mesh::default();
-    let step = stairs.textured("stairs", checkerboard([0.7, 0.4, 0.6], [0.95, 0.9, 0.9]));
+    let step = stairs.textured("stairs", checks([0.7, 0.4, 0.6], [0.95, 0.9, 0.9]));
     for i in 0..40 {
         let height = 0.001 * f64::from(i + 1);
         let low = DVec3::new(-1.0 + 0.05 * f64::from(i), 1.2, 0.02);
         stairs.add_block(low, low + DVec3::new(0.05, 0.4, height), 0.1, step);
     }
     append(&mut scene, stairs.finish("stairs", DVec3::ZERO, 1.0));
-    moved(scene, "far-offset", 1.0, DVec3::new(1e5, 1e5, -1e5))
+    transformed(scene, "far-offset", 1.0, DVec3::new(1e5, 1e5, -1e5))
 }
 
-/// `miniature`: `bump` at a scale that makes it 1 mm across.
+/// Builds `miniature`: `bump` scaled to a width of 1 mm.
 pub(crate) fn miniature(seed: u64) -> Scene {
-    moved(bump::build(seed), "miniature", 1e-3 / 4.0, DVec3::ZERO)
+    transformed(bump::build(seed), "miniature", 1e-3 / 4.0, DVec3::ZERO)
 }
 
 /// Adds the geometry of another scene.
 fn append(scene: &mut Scene, other: Scene) {
-    let counts = [
-        scene.positions.len(),
-        scene.materials.len(),
-        scene.textures.len(),
-    ];
-    let [vertices, materials, textures] = counts.map(|count| count as u32);
+    let vertices = scene.positions.len() as u32;
+    let materials = scene.materials.len() as u32;
+    let textures = scene.textures.len() as u32;
     scene.positions.extend(other.positions);
     scene.normals.extend(other.normals);
     scene.texcoords.extend(other.texcoords);
-    scene
-        .triangles
-        .extend(other.triangles.into_iter().map(|mut triangle| {
-            triangle.vertices = triangle.vertices.map(|vertex| vertex + vertices);
-            triangle.material += materials;
-            triangle
-        }));
-    scene
-        .materials
-        .extend(other.materials.into_iter().map(|mut material| {
-            material.albedo_texture = material.albedo_texture.map(|texture| texture + textures);
-            material
-        }));
+    for mut triangle in other.triangles {
+        triangle.vertices = triangle.vertices.map(|vertex| vertex + vertices);
+        triangle.material += materials;
+        scene.triangles.push(triangle);
+    }
+    for mut material in other.materials {
+        material.albedo_texture = material.albedo_texture.map(|texture| texture + textures);
+        scene.materials.push(material);
+    }
     scene.textures.extend(other.textures);
 }
 
-/// The scene scaled about the origin and then moved, with its headbox.
-fn moved(scene: Scene, name: &str, scale: f64, offset: DVec3) -> Scene {
+/// Scales a scene about the origin and then moves it, with its headbox.
+fn transformed(scene: Scene, name: &str, scale: f64, offset: DVec3) -> Scene {
     let place = |p: DVec3| p * scale + offset;
     Scene {
         name: name.into(),
@@ -169,7 +153,7 @@ fn moved(scene: Scene, name: &str, scale: f64, offset: DVec3) -> Scene {
     }
 }
 
-/// A box about the origin, seen from within and open above, so that sun and sky light it.
+/// Adds a room about the origin without ceiling, so that sun and sky light it.
 fn add_room(mesh: &mut Mesh, half: DVec3, wall: u32) {
     mesh.add_rectangle(
         -half + DVec3::Z * 2.0 * half.z,

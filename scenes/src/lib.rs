@@ -1,6 +1,6 @@
-//! The built-in procedural scenes of headbox: small generators over a seed.
+//! Built-in procedural scenes of headbox, each generated from a seed.
 //!
-//! Every scene suggests a headbox that no triangle touches. The same name and seed give the same
+//! Every scene suggests a headbox that no triangle intersects. The same name and seed give the same
 //! scene.
 //!
 //! ```
@@ -27,24 +27,24 @@ use headbox_scene::scene::Scene;
 
 pub use house::{HOUSE_TRIANGLES, house};
 
-/// A scene that a generator makes.
+/// A built-in scene.
 #[derive(Clone, Copy, Debug)]
 pub struct BuiltinScene {
     /// Name, as in `builtin:NAME`.
     pub name: &'static str,
-    /// One line for a list.
+    /// Description in one line.
     pub description: &'static str,
     generator: fn(u64) -> Scene,
 }
 
 impl BuiltinScene {
-    /// Makes the scene from a seed.
+    /// Generates the scene from a seed.
     pub fn build(&self, seed: u64) -> Scene {
         (self.generator)(seed)
     }
 }
 
-/// All built-in scenes.
+/// Returns all built-in scenes.
 pub fn all() -> &'static [BuiltinScene] {
     const fn scene(
         name: &'static str,
@@ -142,7 +142,7 @@ pub fn all() -> &'static [BuiltinScene] {
     ALL
 }
 
-/// Makes the scene called `name`, or `None` if there is none of that name.
+/// Generates the scene `name`; `None` if there is no such scene.
 pub fn build(name: &str, seed: u64) -> Option<Scene> {
     all()
         .iter()

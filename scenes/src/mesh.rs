@@ -1,18 +1,19 @@
-//! Shapes that scenes are put together from.
+//! The mesh of a scene under construction, and its basic shapes.
 
 use glam::{DMat3, DVec2, DVec3, Vec2, Vec3};
 use headbox_core::headbox::Headbox;
 use headbox_scene::material::{Gloss, Material, Texture};
-use headbox_scene::scene::{Scene, Triangle};
+use headbox_scene::scene::{Scene, Sky, Sun, Triangle};
+use std::f64::consts::{FRAC_PI_2, TAU};
 
 /// A vertex of a shape, world metres.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Vertex {
     pub(crate) position: DVec3,
-    /// Zero for flat shading.
+    /// Normal, zero for flat shading.
     pub(crate) normal: DVec3,
     pub(crate) texcoord: DVec2,
-    /// Linear RGB, multiplies the albedo.
+    /// Factor of the albedo, linear RGB.
     pub(crate) color: [f64; 3],
 }
 
@@ -30,14 +31,15 @@ impl Vertex {
 /// Tessellation of shapes.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Fineness {
-    /// Flat faces and tubes are cut so that no cell is longer than this, metres.
+    /// Maximum length of a cell of flat faces and tubes, metres.
     pub(crate) edge_m: f64,
-    /// Multiplies the number of sides of round shapes.
+    /// Factor of the number of sides of round shapes.
     pub(crate) round: f64,
 }
 
 impl Default for Fineness {
-    /// Coarsest tessellation: flat shapes undivided, round shapes at their own density.
+    /// Returns the coarsest tessellation: flat shapes undivided, round shapes with their nominal
+    /// number of sides.
     fn default() -> Self {
         Self {
             edge_m: f64::INFINITY,
@@ -50,14 +52,14 @@ impl Default for Fineness {
 #[derive(Debug, Default)]
 pub(crate) struct Mesh {
     scene: Scene,
-    /// Tessellation of the shapes added from now on.
+    /// Tessellation of the shapes that are added next.
     pub(crate) fineness: Fineness,
-    /// Triangles that [`Self::add_grid`] would have made, where only their number is wanted.
+    /// Number of triangles of [`Self::add_grid`], if they are only counted.
     counted: Option<usize>,
 }
 
 impl Mesh {
-    /// A mesh that keeps no triangles and only counts those of its grids.
+    /// Creates a mesh that only counts the triangles of its grids.
     pub(crate) fn counting(fineness: Fineness) -> Self {
         Self {
             fineness,
@@ -66,32 +68,27 @@ impl Mesh {
         }
     }
 
-    /// Number of triangles so far.
+    /// Returns the number of triangles.
     pub(crate) fn triangle_count(&self) -> usize {
         self.counted.unwrap_or(self.scene.triangles.len())
     }
 
-    /// Number of cells along a flat edge of the given length.
+    /// Returns the number of cells along a flat edge of the given length, metres.
     pub(crate) fn cells(&self, length: f64) -> usize {
         (length / self.fineness.edge_m).ceil().clamp(1.0, 4096.0) as usize
     }
 
-    /// Number of sides of a round shape that asks for `sides`.
-    pub(crate) fn rounds(&self, sides: usize) -> usize {
+    /// Returns the number of sides of a round shape with the nominal number `sides`.
+    pub(crate) fn sides(&self, sides: usize) -> usize {
         (sides as f64 * self.fineness.round).round().max(3.0) as usize
     }
 
-    pub(crate) fn add_texture(&mut self, texture: Texture) -> u32 {
-        self.scene.textures.push(texture);
-        self.scene.textures.len() as u32 - 1
-    }
-
-    pub(crate) fn add_material(&mut self, material: Material) -> u32 {
+    fn add_material(&mut self, material: Material) -> u32 {
         self.scene.materials.push(material);
         self.scene.materials.len() as u32 - 1
     }
 
-    /// A material of one colour, linear RGB.
+    /// Adds a material of one colour, linear RGB.
     pub(crate) fn plain(&mut self, name: &str, albedo: [f32; 3]) -> u32 {
         self.add_material(Material {
             name: name.into(),
@@ -100,18 +97,18 @@ impl Mesh {
         })
     }
 
-    /// A material with a texture.
+    /// Adds a material with a texture.
     pub(crate) fn textured(&mut self, name: &str, texture: Texture) -> u32 {
-        let albedo_texture = Some(self.add_texture(texture));
+        self.scene.textures.push(texture);
         self.add_material(Material {
             name: name.into(),
             albedo: [1.0; 3],
-            albedo_texture,
+            albedo_texture: Some(self.scene.textures.len() as u32 - 1),
             ..Material::default()
         })
     }
 
-    /// A material that emits `emission` (linear RGB radiance).
+    /// Adds a material that emits `emission` (linear RGB radiance).
     pub(crate) fn emissive(&mut self, name: &str, emission: [f32; 3]) -> u32 {
         self.add_material(Material {
             name: name.into(),
@@ -121,7 +118,7 @@ impl Mesh {
         })
     }
 
-    /// Gives a material gloss: the share that it mirrors, and how sharply.
+    /// Makes a material glossy, with a reflectance and a Phong exponent.
     pub(crate) fn glossy(&mut self, material: u32, reflectance: f32, exponent: f32) {
         self.scene.materials[material as usize].gloss = Some(Gloss {
             reflectance: [reflectance; 3],
@@ -144,9 +141,8 @@ impl Mesh {
         self.scene.triangles.push(Triangle { vertices, material });
     }
 
-    /// A grid of `columns` by `rows` cells over `vertex(column, row)`; counter-clockwise if columns
-    /// go right and rows go up. Cells whose two triangles would have no area (at a pole) lose
-    /// those.
+    /// Adds a grid of `columns` by `rows` cells over `vertex(column, row)`, counter-clockwise if
+    /// columns go right and rows go up. Triangles with two equal corners (at a pole) are left out.
     pub(crate) fn add_grid(
         &mut self,
         columns: usize,
@@ -179,8 +175,8 @@ impl Mesh {
         }
     }
 
-    /// A flat rectangle from `corner` along two edges; its front is on the side of `right x up`.
-    /// One unit of texture is `tile` metres; zero stretches the texture once over the rectangle.
+    /// Adds a flat rectangle from `corner` along two edges; its front is on the side of `right x
+    /// up`. One period of the texture is `tile` metres; zero stretches it over the rectangle.
     pub(crate) fn add_rectangle(
         &mut self,
         corner: DVec3,
@@ -202,7 +198,7 @@ impl Mesh {
         });
     }
 
-    /// A box about `centre`, turned by `world_from_box`, its faces outward.
+    /// Adds a box about `centre`, rotated by `world_from_box`, with its front outside.
     pub(crate) fn add_box(
         &mut self,
         centre: DVec3,
@@ -213,7 +209,7 @@ impl Mesh {
     ) {
         for axis in 0..3 {
             for side in [-1.0, 1.0] {
-                // The texture stands upright on the four sides.
+                // The texture is upright on the four sides.
                 let (right_axis, up_axis) = [(2, 1), (0, 2), (0, 1)][axis];
                 let direction = |axis: usize| world_from_box.col(axis) * half[axis];
                 let (normal, up) = (direction(axis) * side, direction(up_axis));
@@ -234,8 +230,15 @@ impl Mesh {
         }
     }
 
-    /// A box with its edges along the world's axes, between two opposite corners.
-    pub(crate) fn add_block(&mut self, low: DVec3, high: DVec3, tile: f64, material: u32) {
+    /// Adds an axis-aligned box between two opposite corners.
+    pub(crate) fn add_block(
+        &mut self,
+        low: impl Into<DVec3>,
+        high: impl Into<DVec3>,
+        tile: f64,
+        material: u32,
+    ) {
+        let (low, high) = (low.into(), high.into());
         self.add_box(
             (low + high) / 2.0,
             (high - low) / 2.0,
@@ -245,8 +248,8 @@ impl Mesh {
         );
     }
 
-    /// A tube along `path` (centre and radius at each step), open at both ends; the texture goes
-    /// once around and repeats every `tile` metres along.
+    /// Adds a tube along `path` (centre and radius at each step), open at both ends. The texture
+    /// goes once around and repeats every `tile` metres along the path.
     pub(crate) fn add_tube(
         &mut self,
         path: &[(DVec3, f64)],
@@ -257,12 +260,12 @@ impl Mesh {
         let Some(&(start, _)) = path.first() else {
             return;
         };
-        let sides = self.rounds(sides);
-        let path = self.cut_path(path);
+        let sides = self.sides(sides);
+        let path = self.subdivide(path);
         let direction = |i: usize| {
             (path[(i + 1).min(path.len() - 1)].0 - path[i.saturating_sub(1)].0).normalize_or_zero()
         };
-        // A frame carried along, so that the tube does not twist.
+        // Parallel transport of the frame, so that the tube does not twist.
         let mut across = direction(0).any_orthonormal_vector();
         let mut frames = Vec::with_capacity(path.len());
         let (mut along, mut previous) = (0.0, start);
@@ -279,30 +282,30 @@ impl Mesh {
         self.add_grid(sides, path.len() - 1, material, |column, row| {
             let (x_axis, y_axis, v) = frames[row];
             let u = column as f64 / sides as f64;
-            let (sin, cos) = (u * std::f64::consts::TAU).sin_cos();
+            let (sin, cos) = (u * TAU).sin_cos();
             let normal = x_axis * cos + y_axis * sin;
             Vertex::new(path[row].0 + normal * path[row].1, normal, DVec2::new(u, v))
         });
     }
 
-    /// A path with its steps cut to the fineness.
-    fn cut_path(&self, path: &[(DVec3, f64)]) -> Vec<(DVec3, f64)> {
-        let mut cut: Vec<_> = path.first().copied().into_iter().collect();
+    /// Subdivides the steps of a path.
+    fn subdivide(&self, path: &[(DVec3, f64)]) -> Vec<(DVec3, f64)> {
+        let mut fine: Vec<_> = path.first().copied().into_iter().collect();
         for step in path.windows(2) {
             let [(a, thin), (b, thick)] = [step[0], step[1]];
             let cells = self.cells(a.distance(b));
-            cut.extend(
+            fine.extend(
                 (1..cells)
                     .map(|i| i as f64 / cells as f64)
                     .map(|s| (a.lerp(b, s), thin + (thick - thin) * s)),
             );
-            cut.push((b, thick));
+            fine.push((b, thick));
         }
-        cut
+        fine
     }
 
-    /// A box with soft edges, as a cushion or a mattress: a superellipsoid of exponent 8 over the
-    /// cells of a box.
+    /// Adds a box with soft edges, for cushions and mattresses: a superellipsoid of exponent 8 over
+    /// the cells of a box.
     pub(crate) fn add_cushion(
         &mut self,
         centre: DVec3,
@@ -314,13 +317,13 @@ impl Mesh {
         const EXPONENT: i32 = 8;
         let cells = half
             .to_array()
-            .map(|h| self.cells(2.0 * h).max(self.rounds(8)));
+            .map(|h| self.cells(2.0 * h).max(self.sides(8)));
         for axis in 0..3 {
             for side in [-1.0, 1.0] {
                 let (right, up) = ((axis + 1) % 3, (axis + 2) % 3);
                 let (columns, rows) = (cells[right], cells[up]);
                 self.add_grid(columns, rows, material, |column, row| {
-                    // Columns run backwards on the far side, so that the front is outward on both.
+                    // Columns are reversed on one side, so that the front is outside on both.
                     let across = side * (2.0 * column as f64 / columns as f64 - 1.0);
                     let along = 2.0 * row as f64 / rows as f64 - 1.0;
                     let mut on_box = DVec3::ZERO;
@@ -344,7 +347,7 @@ impl Mesh {
         }
     }
 
-    /// An upright cylinder with a lid at each end.
+    /// Adds a vertical cylinder with a disk at each end.
     pub(crate) fn add_cylinder(
         &mut self,
         base: DVec3,
@@ -360,7 +363,7 @@ impl Mesh {
         }
     }
 
-    /// A horizontal disk whose front is on the side of `normal` (up or down).
+    /// Adds a horizontal disk whose front is on the side of `normal` (up or down).
     pub(crate) fn add_disk(
         &mut self,
         centre: DVec3,
@@ -369,15 +372,20 @@ impl Mesh {
         sides: usize,
         material: u32,
     ) {
-        let sides = self.rounds(sides);
+        let sides = self.sides(sides);
         self.add_grid(sides, 1, material, |column, row| {
-            let turn = column as f64 / sides as f64 * std::f64::consts::TAU * normal.y.signum();
+            let turn = column as f64 / sides as f64 * TAU * normal.y.signum();
             let rim = DVec3::new(turn.cos(), 0.0, -turn.sin()) * radius * (1 - row) as f64;
             Vertex::new(centre + rim, normal, DVec2::new(rim.x, rim.z))
         });
     }
 
-    /// A patch of a sphere: `from` and `to` are heights above the equator in radians.
+    /// Adds a sphere.
+    pub(crate) fn add_ball(&mut self, centre: DVec3, radius: f64, sides: usize, material: u32) {
+        self.add_sphere(centre, radius, -FRAC_PI_2, FRAC_PI_2, sides, material);
+    }
+
+    /// Adds a zone of a sphere between the latitudes `from` and `to`, radians.
     pub(crate) fn add_sphere(
         &mut self,
         centre: DVec3,
@@ -387,31 +395,25 @@ impl Mesh {
         sides: usize,
         material: u32,
     ) {
-        let sides = self.rounds(sides);
+        let sides = self.sides(sides);
         let rows = (sides / 2).max(1);
         self.add_grid(sides, rows, material, |column, row| {
-            let place = DVec2::new(column as f64 / sides as f64, row as f64 / rows as f64);
-            let (around, height) = (
-                place.x * std::f64::consts::TAU,
-                from + (to - from) * place.y,
+            let texcoord = DVec2::new(column as f64 / sides as f64, row as f64 / rows as f64);
+            let longitude = texcoord.x * TAU;
+            let latitude = from + (to - from) * texcoord.y;
+            // The poles are exact, so that triangles without area are detected.
+            let is_pole = (row == rows && to >= FRAC_PI_2) || (row == 0 && from <= -FRAC_PI_2);
+            let rim = if is_pole { 0.0 } else { latitude.cos() };
+            let normal = DVec3::new(
+                longitude.cos() * rim,
+                latitude.sin(),
+                -longitude.sin() * rim,
             );
-            // The rows at the poles are exact, so that their cells are seen to have no area.
-            let rim = if row == rows && to >= std::f64::consts::FRAC_PI_2 {
-                0.0
-            } else {
-                height.cos()
-            };
-            let rim = if row == 0 && from <= -std::f64::consts::FRAC_PI_2 {
-                0.0
-            } else {
-                rim
-            };
-            let normal = DVec3::new(around.cos() * rim, height.sin(), -around.sin() * rim);
-            Vertex::new(centre + normal * radius, normal, place)
+            Vertex::new(centre + normal * radius, normal, texcoord)
         });
     }
 
-    /// The finished scene under the default sun and sky.
+    /// Returns the finished scene with the default sun and sky, and a headbox.
     pub(crate) fn finish(self, name: &str, centre: DVec3, half_size_m: f64) -> Scene {
         let mut scene = self.scene;
         if scene.colors.iter().all(|&color| color == Vec3::ONE) {
@@ -426,8 +428,8 @@ impl Mesh {
         }
         Scene {
             name: name.into(),
-            sun: Some(headbox_scene::scene::Sun::default()),
-            sky: Some(headbox_scene::scene::Sky::default()),
+            sun: Some(Sun::default()),
+            sky: Some(Sky::default()),
             headbox: Some(Headbox {
                 centre,
                 half_size_m,

@@ -1,12 +1,11 @@
-//! `sprites`: four layers with clear gaps of depth between them and relief in each, seen from the
-//! headbox towards -z: what sprites with depth are made for (Shade et al. 1998, figure 1).
+//! `sprites`: four layers with relief, clearly separated in depth, seen from the headbox toward -z:
+//! suitable for sprites with depth (Shade et al. 1998, figure 1).
 
 use crate::mesh::{Mesh, Vertex};
-use crate::texture::{fractal, mix, paint, shade};
+use crate::texture::{checkerboard, fractal, mix, paint, shade};
 use glam::{DVec2, DVec3};
 use headbox_scene::material::Texture;
 use headbox_scene::scene::Scene;
-use std::f64::consts::FRAC_PI_2;
 
 /// A band of land across the view.
 struct Ridge {
@@ -23,7 +22,7 @@ struct Ridge {
     color: [f64; 3],
 }
 
-/// From back to front: mountains, hills, balloons, boulders.
+/// Builds the scene, from back to front: mountains, hills, balloons, boulders.
 pub(crate) fn build(seed: u64) -> Scene {
     let mut mesh = Mesh::default();
     let mountains = Ridge {
@@ -44,16 +43,11 @@ pub(crate) fn build(seed: u64) -> Scene {
     };
     add_ridge(&mut mesh, "mountains", &mountains, seed);
     add_ridge(&mut mesh, "hills", &hills, seed + 1);
-    let balloon = mesh.textured("balloon", stripes([0.85, 0.20, 0.15], [0.98, 0.90, 0.70]));
+    let (red, cream) = ([0.85, 0.20, 0.15], [0.98, 0.90, 0.70]);
+    let stripes = checkerboard([256, 64], [16.0, 3.0], red, cream);
+    let balloon = mesh.textured("balloon", stripes);
     for (x, y, radius) in [(-1.5, 0.9, 0.75), (1.7, 0.35, 0.6)] {
-        mesh.add_sphere(
-            DVec3::new(x, y, -5.0),
-            radius,
-            -FRAC_PI_2,
-            FRAC_PI_2,
-            64,
-            balloon,
-        );
+        mesh.add_ball(DVec3::new(x, y, -5.0), radius, 64, balloon);
     }
     let boulder = mesh.textured("boulder", mottled([0.50, 0.44, 0.38], seed + 2));
     for (x, y, radius) in [
@@ -61,14 +55,7 @@ pub(crate) fn build(seed: u64) -> Scene {
         (-0.15, -0.85, 0.30),
         (0.75, -0.70, 0.45),
     ] {
-        mesh.add_sphere(
-            DVec3::new(x, y, -2.3),
-            radius,
-            -FRAC_PI_2,
-            FRAC_PI_2,
-            64,
-            boulder,
-        );
+        mesh.add_ball(DVec3::new(x, y, -2.3), radius, 64, boulder);
     }
     mesh.finish("sprites", DVec3::ZERO, 0.5)
 }
@@ -110,15 +97,5 @@ fn mottled(color: [f64; 3], seed: u64) -> Texture {
             shade(color, 0.3),
             0.5 * grain,
         )
-    })
-}
-
-fn stripes(a: [f64; 3], b: [f64; 3]) -> Texture {
-    paint(256, 64, |u, v| {
-        if ((u * 16.0).floor() + (v * 3.0).floor()) % 2.0 == 0.0 {
-            a
-        } else {
-            b
-        }
     })
 }

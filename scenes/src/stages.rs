@@ -1,19 +1,19 @@
-//! Three stages for lumigraphs: what a wall of cameras looks at, with the planes, fields of view
-//! and depths of the scenes that *Layered Lumigraph with LOD Control* measures (its table 4), in
-//! metres.
+//! Scenes for lumigraphs, with the camera planes, fields of view and depths of table 4 of *Layered
+//! Lumigraph with LOD Control*, in metres; and a glossy one.
 //!
-//! The camera plane is z = 0, the cameras look along -z, and the headbox's edge is that of their
+//! The camera plane is z = 0, the cameras look along -z, and the headbox has the edge of the camera
 //! square.
 
-use crate::mesh::Mesh;
-use crate::texture::{fractal, mix, noise, paint, shade};
-use glam::{DMat3, DVec3};
+use crate::mesh::{Mesh, Vertex};
+use crate::texture::{checkerboard, fractal, mix, noise, paint, shade};
+use glam::{DMat3, DVec2, DVec3};
 use headbox_core::random::Rng;
+use headbox_scene::material::Texture;
 use headbox_scene::scene::Scene;
-use std::f64::consts::{FRAC_PI_2, TAU};
+use std::f64::consts::TAU;
 
-/// `net`: a net of knotted cord that hangs in waves before a figure of balls and a painted wall, at
-/// 1.83 to 3.09 m, for a square of 1 m.
+/// Builds `net`: a wavy net of knotted cord in front of balls and a painted wall, at 1.83 to 3.09 m,
+/// for a camera square of 1 m.
 pub(crate) fn net(seed: u64) -> Scene {
     let mut mesh = Mesh::default();
     let wall = mesh.textured("wall", plaster([0.52, 0.60, 0.68], seed));
@@ -24,48 +24,42 @@ pub(crate) fn net(seed: u64) -> Scene {
         1.5,
         wall,
     );
-    let bands = mesh.textured("ball", stripes([0.85, 0.32, 0.22], [0.95, 0.88, 0.70]));
+    let (red, cream) = ([0.85, 0.32, 0.22], [0.95, 0.88, 0.70]);
+    let bands = mesh.textured("ball", checkerboard([256; 2], [12.0, 8.0], red, cream));
     for (centre, radius) in [
         (DVec3::new(0.1, -0.2, -2.75), 0.28),
         (DVec3::new(-0.6, 0.5, -2.7), 0.2),
         (DVec3::new(0.75, 0.45, -2.8), 0.24),
     ] {
-        mesh.add_sphere(centre, radius, -FRAC_PI_2, FRAC_PI_2, 48, bands);
+        mesh.add_ball(centre, radius, 48, bands);
     }
     let cord = mesh.textured("cord", rope([0.80, 0.72, 0.52], seed));
     let knot = mesh.plain("knot", [0.32, 0.24, 0.12]);
     const CELLS: u32 = 26;
     const STEPS: u32 = 6;
-    let hanging = |u: f64, v: f64| {
+    let net = |u: f64, v: f64| {
         let wave = 0.16 * (u * 9.0 + v * 2.0).sin() + 0.1 * (v * 7.0 - u * 3.0).cos();
         DVec3::new(3.6 * (u - 0.5), 3.6 * (v - 0.5), -2.11 + wave)
     };
     let at = |i: u32| f64::from(i) / f64::from(CELLS * STEPS);
     for line in (0..=CELLS).map(|i| at(i * STEPS)) {
         let across: Vec<_> = (0..=CELLS * STEPS)
-            .map(|i| (hanging(at(i), line), 0.006))
+            .map(|i| (net(at(i), line), 0.006))
             .collect();
         let up: Vec<_> = (0..=CELLS * STEPS)
-            .map(|i| (hanging(line, at(i)), 0.006))
+            .map(|i| (net(line, at(i)), 0.006))
             .collect();
         mesh.add_tube(&across, 8, 0.1, cord);
         mesh.add_tube(&up, 8, 0.1, cord);
-        (0..=CELLS).for_each(|i| {
-            mesh.add_sphere(
-                hanging(at(i * STEPS), line),
-                0.013,
-                -FRAC_PI_2,
-                FRAC_PI_2,
-                10,
-                knot,
-            );
-        });
+        for i in 0..=CELLS {
+            mesh.add_ball(net(at(i * STEPS), line), 0.013, 10, knot);
+        }
     }
     mesh.finish("net", DVec3::ZERO, 0.5)
 }
 
-/// `statue`: a figure of stone on a pedestal before a curtain, at 2.33 to 5.82 m, for a square of 2
-/// m.
+/// Builds `statue`: a figure of stone on a pedestal in front of a curtain, at 2.33 to 5.82 m, for a
+/// camera square of 2 m.
 pub(crate) fn statue(seed: u64) -> Scene {
     let mut mesh = Mesh::default();
     let floor = mesh.textured("floor", tiles());
@@ -87,17 +81,12 @@ pub(crate) fn statue(seed: u64) -> Scene {
     };
     mesh.add_grid(240, 1, cloth, |column, row| {
         let place = fold(column) + DVec3::Y * if row == 0 { -1.6 } else { 4.0 };
-        crate::mesh::Vertex::new(place, DVec3::ZERO, glam::DVec2::new(place.x, place.y) / 1.5)
+        Vertex::new(place, DVec3::ZERO, DVec2::new(place.x, place.y) / 1.5)
     });
     let stone = mesh.textured("stone", plaster([0.72, 0.70, 0.66], seed + 1));
     let base = mesh.textured("pedestal", plaster([0.35, 0.36, 0.38], seed + 2));
-    mesh.add_block(
-        DVec3::new(-0.55, -1.6, -3.75),
-        DVec3::new(0.55, -0.9, -2.75),
-        0.8,
-        base,
-    );
-    // Turned on a lathe: heights and radii of robe, waist, shoulders and neck.
+    mesh.add_block([-0.55, -1.6, -3.75], [0.55, -0.9, -2.75], 0.8, base);
+    // Surface of revolution: heights and radii of robe, waist, shoulders and neck.
     let profile = [
         (-0.9, 0.42),
         (-0.75, 0.40),
@@ -114,14 +103,7 @@ pub(crate) fn statue(seed: u64) -> Scene {
         .map(|&(y, radius)| (DVec3::new(0.0, y, -3.25), radius))
         .collect();
     mesh.add_tube(&body, 64, 0.9, stone);
-    mesh.add_sphere(
-        DVec3::new(0.0, 0.9, -3.23),
-        0.19,
-        -FRAC_PI_2,
-        FRAC_PI_2,
-        48,
-        stone,
-    );
+    mesh.add_ball(DVec3::new(0.0, 0.9, -3.23), 0.19, 48, stone);
     let arm = [
         (DVec3::new(0.3, 0.42, -3.2), 0.1),
         (DVec3::new(0.55, 0.1, -3.0), 0.085),
@@ -129,14 +111,7 @@ pub(crate) fn statue(seed: u64) -> Scene {
         (DVec3::new(0.3, 0.5, -2.45), 0.05),
     ];
     mesh.add_tube(&arm, 32, 0.5, stone);
-    mesh.add_sphere(
-        DVec3::new(0.28, 0.54, -2.43),
-        0.085,
-        -FRAC_PI_2,
-        FRAC_PI_2,
-        32,
-        stone,
-    );
+    mesh.add_ball(DVec3::new(0.28, 0.54, -2.43), 0.085, 32, stone);
     let other = [
         (DVec3::new(-0.3, 0.42, -3.25), 0.1),
         (DVec3::new(-0.5, 0.05, -3.2), 0.085),
@@ -146,7 +121,7 @@ pub(crate) fn statue(seed: u64) -> Scene {
     mesh.finish("statue", DVec3::ZERO, 1.0)
 }
 
-/// `blocks`: a heap of painted blocks, at 0.89 to 3.35 m, for a square of 1 m.
+/// Builds `blocks`: a heap of painted blocks, at 0.89 to 3.35 m, for a camera square of 1 m.
 pub(crate) fn blocks(seed: u64) -> Scene {
     let mut mesh = Mesh::default();
     let rng = Rng::new(seed);
@@ -166,22 +141,22 @@ pub(crate) fn blocks(seed: u64) -> Scene {
         [0.85, 0.83, 0.78],
     ];
     let paints: Vec<u32> = (0..colors.len())
-        .map(|i| mesh.textured("block", crate_of(colors[i], seed + i as u64)))
+        .map(|i| mesh.textured("block", crate_side(colors[i], seed + i as u64)))
         .collect();
     for i in 0..70_u32 {
-        let mut draw = rng.fork(u64::from(i));
-        // Evenly over the square root of depth: far ones are many, as they look small.
+        let mut random = rng.fork(u64::from(i));
+        // Uniform in the square root of depth: distant blocks are small and therefore more.
         let depth =
             (0.98f64.sqrt() + (3.1f64.sqrt() - 0.98f64.sqrt()) * f64::from(i) / 69.0).powi(2);
         let reach = 0.85 * depth;
         let centre = DVec3::new(
-            draw.between(-reach, reach),
-            draw.between(-reach, reach),
+            random.between(-reach, reach),
+            random.between(-reach, reach),
             -depth - 0.08,
         );
-        let axis = draw.in_cube(1.0).normalize_or(DVec3::Y);
-        let turn = DMat3::from_axis_angle(axis, draw.between(0.0, TAU));
-        let half = DVec3::splat(0.035 * depth.max(1.2) + draw.between(0.0, 0.03));
+        let axis = random.in_cube(1.0).normalize_or(DVec3::Y);
+        let turn = DMat3::from_axis_angle(axis, random.between(0.0, TAU));
+        let half = DVec3::splat(0.035 * depth.max(1.2) + random.between(0.0, 0.03));
         mesh.add_box(
             centre,
             half.min(DVec3::splat((depth - 0.83) / 2.0)),
@@ -193,8 +168,8 @@ pub(crate) fn blocks(seed: u64) -> Scene {
     mesh.finish("blocks", DVec3::ZERO, 0.5)
 }
 
-/// `lacquer`: varnished balls on a polished floor before a wall, at 1.9 to 4.2 m, for a square of 1
-/// m. What they mirror moves with the eye.
+/// Builds `lacquer`: varnished balls on a polished floor in front of a wall, at 1.9 to 4.2 m, for a
+/// camera square of 1 m. Reflections move with the eye.
 pub(crate) fn lacquer(seed: u64) -> Scene {
     let mut mesh = Mesh::default();
     let wall = mesh.textured("wall", plaster([0.50, 0.53, 0.58], seed));
@@ -238,37 +213,27 @@ pub(crate) fn lacquer(seed: u64) -> Scene {
     for (i, (color, centre, radius, exponent)) in balls.into_iter().enumerate() {
         let varnish = mesh.textured("varnish", plaster(color, seed + 1 + i as u64));
         mesh.glossy(varnish, 0.3, exponent);
-        mesh.add_sphere(centre, radius, -FRAC_PI_2, FRAC_PI_2, 96, varnish);
+        mesh.add_ball(centre, radius, 96, varnish);
     }
     mesh.finish("lacquer", DVec3::ZERO, 0.5)
 }
 
-/// A rough surface of one colour.
-fn plaster(color: [f64; 3], seed: u64) -> headbox_scene::material::Texture {
+/// Rough surface of one colour.
+fn plaster(color: [f64; 3], seed: u64) -> Texture {
     paint(512, 512, |u, v| {
         shade(color, 0.65 + 0.5 * fractal(u, v, 16, 16, seed))
     })
 }
 
-fn stripes(a: [f64; 3], b: [f64; 3]) -> headbox_scene::material::Texture {
-    paint(256, 256, |u, v| {
-        if ((u * 12.0).floor() + (v * 8.0).floor()) % 2.0 == 0.0 {
-            a
-        } else {
-            b
-        }
-    })
-}
-
-/// Strands that run around a cord.
-fn rope(color: [f64; 3], seed: u64) -> headbox_scene::material::Texture {
+/// Twisted strands of a cord.
+fn rope(color: [f64; 3], seed: u64) -> Texture {
     paint(64, 64, |u, v| {
         let strand = 0.5 + 0.5 * ((u + v * 4.0) * TAU * 2.0).sin();
         shade(color, 0.55 + 0.35 * strand + 0.2 * noise(u, v, 8, 8, seed))
     })
 }
 
-fn tiles() -> headbox_scene::material::Texture {
+fn tiles() -> Texture {
     paint(256, 256, |u, v| {
         let (x, y) = (u * 2.0, v * 2.0);
         let joint = [x, y].iter().any(|t| (t - t.round()).abs() < 0.02);
@@ -283,8 +248,8 @@ fn tiles() -> headbox_scene::material::Texture {
     })
 }
 
-/// The side of a crate: boards in a frame.
-fn crate_of(color: [f64; 3], seed: u64) -> headbox_scene::material::Texture {
+/// Side of a crate: boards in a frame.
+fn crate_side(color: [f64; 3], seed: u64) -> Texture {
     paint(128, 128, |u, v| {
         let rim = [u, v].iter().any(|t| *t < 0.1 || *t > 0.9);
         let board = ((v * 5.0).fract() - 0.5).abs() > 0.45;

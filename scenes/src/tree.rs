@@ -8,28 +8,31 @@ use headbox_scene::material::Texture;
 use headbox_scene::scene::Scene;
 use std::f64::consts::TAU;
 
-/// Leaves on the tree, of five leaflets with eight triangles each: 440,000 triangles.
+/// Number of leaves, of five leaflets with eight triangles each: 440,000 triangles.
 const LEAVES: usize = 11_000;
 
-/// Leaflets that spread like fingers from the end of a stalk.
+/// Number of palmate leaflets of a leaf.
 const LEAFLETS: usize = 5;
 
-/// Growth by order of branching: trunk, limbs, branches, twigs.
+/// Growth parameters of one order of branching.
 struct Order {
     steps: usize,
     sides: usize,
-    /// Change of direction per step.
+    /// Random change of direction per step.
     wander: f64,
-    /// Share of "up" that is mixed into the direction at each step.
+    /// Weight of the upward vector that is added to the direction at each step.
     upward: f64,
-    /// Number of children, and where along the branch they begin.
+    /// Number of children.
     children: usize,
+    /// Position of the first child along the branch, 0 to 1.
     first_child: f64,
-    /// Length of a child relative to its parent, and its angle to it, degrees.
+    /// Length of a child relative to its parent.
     child_length: f64,
+    /// Angles between the first and last children and their parent, degrees.
     child_angle_deg: [f64; 2],
 }
 
+/// Orders of branching: trunk, limbs, branches, twigs.
 const ORDERS: [Order; 4] = [
     Order {
         steps: 12,
@@ -73,8 +76,8 @@ const ORDERS: [Order; 4] = [
     },
 ];
 
-/// A stretch of wood: where it begins and how it goes on.
-struct Shoot {
+/// Start and size of a branch.
+struct Branch {
     start: DVec3,
     direction: DVec3,
     length: f64,
@@ -102,7 +105,7 @@ pub(crate) fn build(seed: u64) -> Scene {
     };
     let start = DVec3::Y * (ground_height(0.0, 0.0) - 0.15);
     tree.grow(
-        Shoot {
+        Branch {
             start,
             direction: DVec3::Y,
             length: 5.4,
@@ -118,20 +121,20 @@ pub(crate) fn build(seed: u64) -> Scene {
 }
 
 impl Tree {
-    /// Grows a shoot and all that branches off it.
-    fn grow(&mut self, shoot: Shoot, level: usize, rng: &Rng) {
+    /// Grows a branch and all its descendants.
+    fn grow(&mut self, branch: Branch, level: usize, rng: &Rng) {
         let order = &ORDERS[level];
-        let path = walk(&shoot, order, level == 0, &mut rng.fork(0));
+        let path = branch_path(&branch, order, level == 0, &mut rng.fork(0));
         self.mesh.add_tube(&path, order.sides, 1.5, self.bark);
         if order.children == 0 {
             self.twigs.push(path);
             return;
         }
         for child in 0..order.children {
-            let mut draw = rng.fork(1 + child as u64);
-            // The last child goes on where its parent ends.
+            let mut random = rng.fork(1 + child as u64);
+            // The last child continues its parent.
             let is_leader = child + 1 == order.children;
-            let share = (child as f64 + draw.between(0.1, 0.9)) / (order.children - 1) as f64;
+            let share = (child as f64 + random.between(0.1, 0.9)) / (order.children - 1) as f64;
             let at = if is_leader {
                 1.0
             } else {
@@ -142,38 +145,38 @@ impl Tree {
             let angle = if is_leader {
                 0.15
             } else {
-                (low + (high - low) * at + draw.between(-10.0, 10.0)).to_radians()
+                (low + (high - low) * at + random.between(-10.0, 10.0)).to_radians()
             };
-            // The golden angle spreads shoots evenly around the stem.
-            let around = child as f64 * 2.399_963 + draw.between(-0.4, 0.4);
+            // The golden angle distributes branches evenly around their parent.
+            let around = child as f64 * 2.399_963 + random.between(-0.4, 0.4);
             let across = DQuat::from_axis_angle(along, around) * along.any_orthonormal_vector();
             let reach = 1.0 - 0.42 * (at - order.first_child);
-            let child_shoot = Shoot {
+            let child_branch = Branch {
                 start,
                 direction: (along * angle.cos() + across * angle.sin()).normalize(),
-                length: shoot.length * order.child_length * reach * draw.between(0.8, 1.15),
+                length: branch.length * order.child_length * reach * random.between(0.8, 1.15),
                 radius: (radius * if is_leader { 0.9 } else { 0.55 }).max(0.003),
             };
-            self.grow(child_shoot, level + 1, &draw.fork(0));
+            self.grow(child_branch, level + 1, &random.fork(0));
         }
     }
 
     fn add_leaves(&mut self, material: u32, rng: &Rng) {
         for index in 0..LEAVES {
-            let mut draw = rng.fork(index as u64);
+            let mut random = rng.fork(index as u64);
             let twig = &self.twigs[index % self.twigs.len()];
-            let (start, _, along) = point_on(twig, draw.between(0.15, 1.0));
-            let around = DQuat::from_axis_angle(along, draw.between(0.0, TAU));
+            let (start, _, along) = point_on(twig, random.between(0.15, 1.0));
+            let around = DQuat::from_axis_angle(along, random.between(0.0, TAU));
             let across = around * along.any_orthonormal_vector();
             let stalk = (across + along * 0.6 + DVec3::Y * 0.25).normalize();
-            let normal = (DVec3::Y + draw.in_cube(1.0) * 0.55 + stalk * 0.25).normalize();
+            let normal = (DVec3::Y + random.in_cube(1.0) * 0.55 + stalk * 0.25).normalize();
             let forward = stalk
                 .reject_from(normal)
                 .try_normalize()
                 .unwrap_or_else(|| normal.any_orthonormal_vector());
-            let color = leaf_color(&mut draw);
-            let hub = start + stalk * draw.between(0.06, 0.14);
-            let length = draw.between(0.13, 0.21);
+            let color = leaf_color(&mut random);
+            let hub = start + stalk * random.between(0.06, 0.14);
+            let length = random.between(0.13, 0.21);
             for leaflet in 0..LEAFLETS {
                 let spread = (leaflet as f64 - (LEAFLETS - 1) as f64 / 2.0) * 0.62;
                 let direction = DQuat::from_axis_angle(normal, spread) * forward;
@@ -194,9 +197,14 @@ impl Tree {
     }
 }
 
-/// The centre line of a shoot, with its radius at each step.
-fn walk(shoot: &Shoot, order: &Order, is_trunk: bool, draw: &mut Rng) -> Vec<(DVec3, f64)> {
-    let (mut at, mut direction) = (shoot.start, shoot.direction);
+/// Returns the centre line of a branch, with its radius at each step.
+fn branch_path(
+    branch: &Branch,
+    order: &Order,
+    is_trunk: bool,
+    random: &mut Rng,
+) -> Vec<(DVec3, f64)> {
+    let (mut at, mut direction) = (branch.start, branch.direction);
     let mut path = Vec::with_capacity(order.steps + 1);
     for step in 0..=order.steps {
         let t = step as f64 / order.steps as f64;
@@ -205,15 +213,15 @@ fn walk(shoot: &Shoot, order: &Order, is_trunk: bool, draw: &mut Rng) -> Vec<(DV
         } else {
             1.0
         };
-        path.push((at, shoot.radius * (1.0 - 0.62 * t) * flare));
+        path.push((at, branch.radius * (1.0 - 0.62 * t) * flare));
         direction =
-            (direction + draw.in_cube(1.0) * order.wander + DVec3::Y * order.upward).normalize();
-        at += direction * (shoot.length / order.steps as f64);
+            (direction + random.in_cube(1.0) * order.wander + DVec3::Y * order.upward).normalize();
+        at += direction * (branch.length / order.steps as f64);
     }
     path
 }
 
-/// Point, radius and direction at the share `at` (0..=1) of a path of two points or more.
+/// Returns point, radius and direction at a position (0..=1) on a path of at least two points.
 fn point_on(path: &[(DVec3, f64)], at: f64) -> (DVec3, f64, DVec3) {
     let x = at * (path.len() - 1) as f64;
     let first = (x as usize).min(path.len() - 2);
@@ -226,11 +234,11 @@ fn point_on(path: &[(DVec3, f64)], at: f64) -> (DVec3, f64, DVec3) {
     )
 }
 
-/// Most leaves are green, lighter or darker; a few turn yellow or brown.
-fn leaf_color(draw: &mut Rng) -> [f64; 3] {
-    let green = mix([0.55, 0.72, 0.45], [0.75, 1.0, 0.6], draw.unit());
-    let turned = draw.unit();
-    let tint = mix([1.0, 0.75, 0.4], [0.9, 0.45, 0.35], draw.unit());
+/// Returns a leaf's colour: mostly green, lighter or darker; a few are yellow or brown.
+fn leaf_color(random: &mut Rng) -> [f64; 3] {
+    let green = mix([0.55, 0.72, 0.45], [0.75, 1.0, 0.6], random.unit());
+    let turned = random.unit();
+    let tint = mix([1.0, 0.75, 0.4], [0.9, 0.45, 0.35], random.unit());
     mix(green, tint, if turned > 0.96 { 0.8 } else { turned * 0.15 })
 }
 
@@ -242,8 +250,8 @@ struct Leaflet {
     color: [f64; 3],
 }
 
-/// A blade widest beyond its middle, folded along its rib and bent down toward the tip: eight
-/// triangles.
+/// Adds a leaflet of eight triangles, widest beyond its middle, folded along its rib and bent down
+/// toward the tip.
 fn add_leaflet(mesh: &mut Mesh, leaflet: Leaflet, material: u32) {
     let Leaflet {
         hub,
@@ -284,14 +292,14 @@ fn add_leaflet(mesh: &mut Mesh, leaflet: Leaflet, material: u32) {
     }
 }
 
-/// Height of the meadow: gentle waves, at most 0.75 m up or down.
+/// Returns the height of the meadow, metres: gentle waves, at most 0.75 m up or down.
 fn ground_height(x: f64, z: f64) -> f64 {
     0.3 * (x * 0.11 + 0.4).sin() * (z * 0.09).cos()
         + 0.2 * (x * 0.23 - z * 0.17).sin()
         + 0.08 * (z * 0.5 + x * 0.31).sin()
 }
 
-/// The ground to 160 m, in rings that get wider outward.
+/// Adds the ground to a distance of 160 m, in rings that widen outward.
 fn add_meadow(mesh: &mut Mesh, seed: u64) {
     let grass = mesh.textured("meadow", grass_texture(seed));
     mesh.add_grid(96, 72, grass, |column, row| {
@@ -330,7 +338,7 @@ fn grass_texture(seed: u64) -> Texture {
 
 fn bark_texture(seed: u64) -> Texture {
     paint(256, 256, |u, v| {
-        // Furrows run along the stem, and wander a little.
+        // Furrows run along the stem with small deviations.
         let wander = (noise(u, v, 4, 8, seed + 40) - 0.5) * 0.12;
         let furrow = (noise(u + wander, v, 24, 5, seed + 50) - 0.5).abs() * 2.0;
         let grain = fractal(u, v, 16, 8, seed + 60);

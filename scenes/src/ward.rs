@@ -1,8 +1,7 @@
-//! `ward`: a storey of a hospital: 40 rooms along a corridor, without windows, lit by 500 panels in
-//! their ceilings.
+//! `ward`: a storey of a hospital: 40 windowless rooms along a corridor, lit by 500 ceiling panels.
 //!
-//! The hard case of many lights: of the 500, a dozen light what is seen, a few more shine in
-//! through a door, and all others are hidden behind walls.
+//! The hard case of many lights: a dozen of the 500 light the visible surfaces, a few more shine
+//! through a door, and all others are occluded by walls.
 
 use crate::finishes::Finishes;
 use crate::furniture;
@@ -14,23 +13,26 @@ use std::f64::consts::FRAC_PI_2;
 /// Rooms along each side of the corridor.
 const ROOMS: usize = 20;
 
-/// From the middle of a wall between two rooms to that of the next, metres.
+/// Width of a room between the middles of its walls, metres.
 const PITCH: f64 = 4.0;
-
-/// Half of the corridor's width, and the depth and height of the rooms, metres.
+/// Half of the corridor's width, metres.
 const CORRIDOR: f64 = 1.2;
+/// Depth of the rooms, metres.
 const DEPTH: f64 = 5.0;
+/// Height of the rooms, metres.
 const HEIGHT: f64 = 2.7;
 
 /// Thickness of walls, metres.
 const WALL: f64 = 0.12;
 
-/// A door: where it begins and ends along a room, and its height, metres.
+/// Start and end of a door along its room, and its height, metres.
 const DOOR: [f64; 3] = [0.6, 1.8, 2.1];
 
-/// Panels of a room, across and along it; of the corridor; and the side of one, metres.
+/// Number of panels of a room, across and along it.
 const PANELS: [usize; 2] = [3, 4];
+/// Number of panels of the corridor.
 const CORRIDOR_PANELS: usize = 20;
+/// Edge of a panel, metres.
 const PANEL: f64 = 0.45;
 
 struct Materials {
@@ -67,13 +69,13 @@ pub(crate) fn build(seed: u64) -> Scene {
     mesh.finish("ward", centre, 0.3)
 }
 
-/// Floor, ceiling and outer walls.
+/// Adds floor, ceiling and outer walls.
 fn add_shell(mesh: &mut Mesh, materials: &Materials) {
     let (length, far) = (PITCH * ROOMS as f64, CORRIDOR + WALL + DEPTH);
     let slab = |mesh: &mut Mesh, low: f64, high: f64, material: u32| {
         mesh.add_block(
-            dvec3(-WALL, low, -far - WALL),
-            dvec3(length + WALL, high, far + WALL),
+            [-WALL, low, -far - WALL],
+            [length + WALL, high, far + WALL],
             1.0,
             material,
         );
@@ -82,10 +84,10 @@ fn add_shell(mesh: &mut Mesh, materials: &Materials) {
     slab(mesh, HEIGHT, HEIGHT + 0.2, materials.wall);
     for side in [-1.0, 1.0] {
         let (a, b) = (side * far, side * (far + WALL));
-        add_wall(
-            mesh,
-            dvec3(-WALL, 0.0, a.min(b)),
-            dvec3(length + WALL, HEIGHT, a.max(b)),
+        mesh.add_block(
+            [-WALL, 0.0, a.min(b)],
+            [length + WALL, HEIGHT, a.max(b)],
+            1.0,
             materials.wall,
         );
         let (a, b) = if side < 0.0 {
@@ -93,20 +95,11 @@ fn add_shell(mesh: &mut Mesh, materials: &Materials) {
         } else {
             (length, length + WALL)
         };
-        add_wall(
-            mesh,
-            dvec3(a, 0.0, -far),
-            dvec3(b, HEIGHT, far),
-            materials.wall,
-        );
+        mesh.add_block([a, 0.0, -far], [b, HEIGHT, far], 1.0, materials.wall);
     }
 }
 
-fn add_wall(mesh: &mut Mesh, low: DVec3, high: DVec3, material: u32) {
-    mesh.add_block(low, high, 1.0, material);
-}
-
-/// A panel that shines down, a centimetre below the ceiling at `place`.
+/// Adds a panel that emits light downward, 1 cm below the ceiling at `place`.
 fn add_panel(mesh: &mut Mesh, place: DVec3, materials: &Materials) {
     let corner = place - dvec3(PANEL / 2.0, 0.01, PANEL / 2.0);
     mesh.add_rectangle(
@@ -118,12 +111,13 @@ fn add_panel(mesh: &mut Mesh, place: DVec3, materials: &Materials) {
     );
 }
 
-/// The room that begins at `x`, on one side of the corridor: two walls, a door, panels and
+/// Adds a room that starts at `x`, on one side of the corridor: two walls, a door, panels and
 /// furniture.
 fn add_room(mesh: &mut Mesh, x: f64, side: f64, materials: &Materials) {
     let at = |along: f64, height: f64, away: f64| dvec3(x + along, height, side * away);
-    let block =
-        |mesh: &mut Mesh, a: DVec3, b: DVec3| add_wall(mesh, a.min(b), a.max(b), materials.wall);
+    let block = |mesh: &mut Mesh, a: DVec3, b: DVec3| {
+        mesh.add_block(a.min(b), a.max(b), 1.0, materials.wall);
+    };
     let (near, inner, far) = (CORRIDOR, CORRIDOR + WALL, CORRIDOR + WALL + DEPTH);
     let [from, to, lintel] = DOOR;
     block(mesh, at(0.0, 0.0, near), at(from, HEIGHT, inner));
@@ -138,16 +132,14 @@ fn add_room(mesh: &mut Mesh, x: f64, side: f64, materials: &Materials) {
     }
     for i in 0..PANELS[0] * PANELS[1] {
         let share = |i: usize, of: usize| (i as f64 + 0.5) / of as f64;
-        let (along, away) = (
-            share(i % PANELS[0], PANELS[0]) * PITCH,
-            share(i / PANELS[0], PANELS[1]) * DEPTH,
-        );
+        let along = share(i % PANELS[0], PANELS[0]) * PITCH;
+        let away = share(i / PANELS[0], PANELS[1]) * DEPTH;
         add_panel(mesh, at(along, HEIGHT, inner + away), materials);
     }
     add_furniture(mesh, &at, side, materials);
 }
 
-/// A bed, a table with two chairs, and a picture.
+/// Adds a bed, a table with a chair, and a picture.
 fn add_furniture(
     mesh: &mut Mesh,
     at: &dyn Fn(f64, f64, f64) -> DVec3,

@@ -1,4 +1,4 @@
-//! Bathroom; `place` is the middle of the back on the floor.
+//! Furniture of bathrooms; `place` is the middle of the back on the floor.
 
 use super::Piece;
 use crate::finishes::Finishes;
@@ -6,31 +6,16 @@ use crate::mesh::Mesh;
 use glam::{DVec3, dvec3};
 use std::f64::consts::FRAC_PI_2;
 
-/// A bathtub, 1.7 m along the wall and 0.75 m deep, with its tap at the left.
+/// Adds a bathtub, 1.7 m along the wall and 0.75 m deep, with its tap at the left.
 pub(crate) fn bath(mesh: &mut Mesh, place: DVec3, turn: f64, finishes: &Finishes) {
     let mut piece = Piece::new(mesh, place, turn);
     let white = finishes.lacquer;
-    // Four walls and a floor, so that the tub is hollow.
-    piece.block(dvec3(-0.85, 0.0, 0.01), dvec3(0.85, 0.14, 0.75), 0.5, white);
-    piece.block(
-        dvec3(-0.85, 0.14, 0.01),
-        dvec3(0.85, 0.56, 0.09),
-        0.5,
-        white,
-    );
-    piece.block(
-        dvec3(-0.85, 0.14, 0.67),
-        dvec3(0.85, 0.56, 0.75),
-        0.5,
-        white,
-    );
-    piece.block(
-        dvec3(-0.85, 0.14, 0.09),
-        dvec3(-0.72, 0.56, 0.67),
-        0.5,
-        white,
-    );
-    piece.block(dvec3(0.72, 0.14, 0.09), dvec3(0.85, 0.56, 0.67), 0.5, white);
+    // A hollow tub of four walls and a floor.
+    piece.block([-0.85, 0.0, 0.01], [0.85, 0.14, 0.75], 0.5, white);
+    piece.block([-0.85, 0.14, 0.01], [0.85, 0.56, 0.09], 0.5, white);
+    piece.block([-0.85, 0.14, 0.67], [0.85, 0.56, 0.75], 0.5, white);
+    piece.block([-0.85, 0.14, 0.09], [-0.72, 0.56, 0.67], 0.5, white);
+    piece.block([0.72, 0.14, 0.09], [0.85, 0.56, 0.67], 0.5, white);
     let tap = [
         dvec3(-0.79, 0.56, 0.38),
         dvec3(-0.79, 0.72, 0.38),
@@ -43,22 +28,12 @@ pub(crate) fn bath(mesh: &mut Mesh, place: DVec3, turn: f64, finishes: &Finishes
     }
 }
 
-/// A basin on a cabinet, 0.8 m by 0.48 m, with a mirror-like panel above.
+/// Adds a basin on a cabinet, 0.8 m by 0.48 m, with a mirror-like panel above.
 pub(crate) fn basin(mesh: &mut Mesh, place: DVec3, turn: f64, finishes: &Finishes) {
     let mut piece = Piece::new(mesh, place, turn);
-    piece.block(
-        dvec3(-0.4, 0.1, 0.01),
-        dvec3(0.4, 0.8, 0.45),
-        0.8,
-        finishes.oak,
-    );
+    piece.block([-0.4, 0.1, 0.01], [0.4, 0.8, 0.45], 0.8, finishes.oak);
     for x in [-0.39, 0.005] {
-        piece.block(
-            dvec3(x, 0.12, 0.45),
-            dvec3(x + 0.385, 0.78, 0.465),
-            0.8,
-            finishes.oak,
-        );
+        piece.block([x, 0.12, 0.45], [x + 0.385, 0.78, 0.465], 0.8, finishes.oak);
         piece.ball(
             dvec3(if x < 0.0 { -0.04 } else { 0.04 }, 0.66, 0.475),
             0.013,
@@ -66,7 +41,7 @@ pub(crate) fn basin(mesh: &mut Mesh, place: DVec3, turn: f64, finishes: &Finishe
         );
     }
     let white = finishes.lacquer;
-    piece.block(dvec3(-0.42, 0.8, 0.01), dvec3(0.42, 0.84, 0.48), 1.0, white);
+    piece.block([-0.42, 0.8, 0.01], [0.42, 0.84, 0.48], 1.0, white);
     let bowl = piece.at(dvec3(0.0, 0.99, 0.25));
     piece.mesh.add_sphere(bowl, 0.2, -0.95, -0.3, 40, white);
     let tap = [
@@ -76,26 +51,21 @@ pub(crate) fn basin(mesh: &mut Mesh, place: DVec3, turn: f64, finishes: &Finishe
         dvec3(0.0, 1.03, 0.19),
     ];
     piece.pipe(tap, 0.013, finishes.metal);
+    piece.block([-0.35, 1.2, 0.005], [0.35, 1.95, 0.03], 0.6, finishes.metal);
     piece.block(
-        dvec3(-0.35, 1.2, 0.005),
-        dvec3(0.35, 1.95, 0.03),
-        0.6,
-        finishes.metal,
-    );
-    piece.block(
-        dvec3(-0.33, 1.22, 0.03),
-        dvec3(0.33, 1.93, 0.034),
+        [-0.33, 1.22, 0.03],
+        [0.33, 1.93, 0.034],
         0.0,
         finishes.lacquer,
     );
 }
 
-/// A toilet, 0.4 m by 0.68 m.
+/// Adds a toilet, 0.4 m by 0.68 m.
 pub(crate) fn toilet(mesh: &mut Mesh, place: DVec3, turn: f64, finishes: &Finishes) {
     let mut piece = Piece::new(mesh, place, turn);
     let white = finishes.lacquer;
-    piece.cushion(dvec3(-0.2, 0.4, 0.01), dvec3(0.2, 0.8, 0.2), white);
-    piece.block(dvec3(-0.11, 0.0, 0.1), dvec3(0.11, 0.3, 0.5), 1.0, white);
+    piece.cushion([-0.2, 0.4, 0.01], [0.2, 0.8, 0.2], white);
+    piece.block([-0.11, 0.0, 0.1], [0.11, 0.3, 0.5], 1.0, white);
     let bowl = piece.at(dvec3(0.0, 0.4, 0.44));
     piece
         .mesh

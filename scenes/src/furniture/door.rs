@@ -1,9 +1,9 @@
-//! Leaves of doors.
+//! Door leaves.
 
 use super::Piece;
 use crate::finishes::Finishes;
 use crate::mesh::Mesh;
-use glam::{DMat3, DVec3, dvec3};
+use glam::{DMat3, DVec3};
 
 /// Sizes of a leaf, metres.
 pub(crate) struct DoorLeaf {
@@ -12,8 +12,8 @@ pub(crate) struct DoorLeaf {
     pub(crate) thickness: f64,
 }
 
-/// A leaf from its lower corner at the hinge: `width` along the unit vector `along`, `thickness`
-/// along `across`. Two panels and a handle on each face.
+/// Adds a leaf from its lower corner at the hinge: `width` along the unit vector `along`, `thickness`
+/// along `across`, with two panels and a handle on each face.
 pub(crate) fn door_leaf(
     mesh: &mut Mesh,
     corner: DVec3,
@@ -28,12 +28,12 @@ pub(crate) fn door_leaf(
         place: corner,
         world_from_piece: DMat3::from_cols(along, DVec3::Y, across),
     };
-    piece.block(DVec3::ZERO, dvec3(width, height, thick), 0.9, finishes.oak);
+    piece.block(DVec3::ZERO, [width, height, thick], 0.9, finishes.oak);
     for (back, front) in [(-0.008, 0.0), (thick, thick + 0.008)] {
         for (low, high) in [(0.12, 0.9), (1.05, height - 0.12)] {
             piece.block(
-                dvec3(0.12, low, back),
-                dvec3(width - 0.12, high, front),
+                [0.12, low, back],
+                [width - 0.12, high, front],
                 0.7,
                 finishes.oak,
             );
@@ -41,15 +41,11 @@ pub(crate) fn door_leaf(
     }
     let at = width - 0.06;
     piece.pipe(
-        [dvec3(at, 1.0, -0.05), dvec3(at, 1.0, thick + 0.05)],
+        [[at, 1.0, -0.05], [at, 1.0, thick + 0.05]],
         0.01,
         finishes.metal,
     );
     for z in [-0.05, thick + 0.05] {
-        piece.pipe(
-            [dvec3(at, 1.0, z), dvec3(at - 0.12, 1.0, z)],
-            0.011,
-            finishes.metal,
-        );
+        piece.pipe([[at, 1.0, z], [at - 0.12, 1.0, z]], 0.011, finishes.metal);
     }
 }

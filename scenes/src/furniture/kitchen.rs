@@ -1,4 +1,4 @@
-//! Kitchen, stores and workshop; `place` is the middle of the back on the floor.
+//! Furniture of kitchens, stores and workshops; `place` is the middle of the back on the floor.
 
 use super::Piece;
 use crate::finishes::Finishes;
@@ -6,8 +6,8 @@ use crate::mesh::Mesh;
 use glam::{DVec3, dvec3};
 use headbox_core::random::Rng;
 
-/// A run of kitchen cabinets of `width` with a worktop, a sink, a hob and a few jars; 0.92 m high,
-/// 0.62 m deep.
+/// Adds a row of kitchen cabinets of `width` with a worktop, a sink, a hob and a few jars; 0.92 m
+/// high, 0.62 m deep.
 pub(crate) fn counter(
     mesh: &mut Mesh,
     place: DVec3,
@@ -18,21 +18,16 @@ pub(crate) fn counter(
 ) {
     let mut piece = Piece::new(mesh, place, turn);
     let half = width / 2.0;
+    piece.block([-half, 0.0, 0.01], [half, 0.1, 0.54], 1.0, finishes.metal);
     piece.block(
-        dvec3(-half, 0.0, 0.01),
-        dvec3(half, 0.1, 0.54),
-        1.0,
-        finishes.metal,
-    );
-    piece.block(
-        dvec3(-half, 0.1, 0.01),
-        dvec3(half, 0.88, 0.58),
+        [-half, 0.1, 0.01],
+        [half, 0.88, 0.58],
         1.0,
         finishes.lacquer,
     );
     piece.block(
-        dvec3(-half - 0.01, 0.88, 0.0),
-        dvec3(half + 0.01, 0.92, 0.62),
+        [-half - 0.01, 0.88, 0.0],
+        [half + 0.01, 0.92, 0.62],
         0.8,
         finishes.walnut,
     );
@@ -49,8 +44,8 @@ pub(crate) fn counter(
         };
         for &(low, high) in drawers {
             piece.block(
-                dvec3(left + 0.003, low, 0.58),
-                dvec3(right - 0.003, high, 0.6),
+                [left + 0.003, low, 0.58],
+                [right - 0.003, high, 0.6],
                 1.0,
                 finishes.oak,
             );
@@ -63,8 +58,8 @@ pub(crate) fn counter(
     }
     let (sink, hob) = (-half + width * 0.3, -half + width * 0.75);
     piece.block(
-        dvec3(sink - 0.25, 0.92, 0.12),
-        dvec3(sink + 0.25, 0.926, 0.52),
+        [sink - 0.25, 0.92, 0.12],
+        [sink + 0.25, 0.926, 0.52],
         1.0,
         finishes.metal,
     );
@@ -76,8 +71,8 @@ pub(crate) fn counter(
     ];
     piece.pipe(tap, 0.014, finishes.lacquer);
     piece.block(
-        dvec3(hob - 0.28, 0.92, 0.07),
-        dvec3(hob + 0.28, 0.928, 0.57),
+        [hob - 0.28, 0.92, 0.07],
+        [hob + 0.28, 0.928, 0.57],
         1.0,
         finishes.books[5],
     );
@@ -89,32 +84,27 @@ pub(crate) fn counter(
     }
     let pot = piece.at(dvec3(hob - 0.14, 0.932, 0.44));
     piece.mesh.add_cylinder(pot, 0.1, 0.14, 28, finishes.clay);
-    let mut draw = rng.fork(1);
+    let mut random = rng.fork(1);
     for jar in 0..5 {
         let at = piece.at(dvec3(sink + 0.34 + 0.09 * f64::from(jar), 0.92, 0.1));
         piece.mesh.add_cylinder(
             at,
             0.035,
-            draw.between(0.09, 0.2),
+            random.between(0.09, 0.2),
             16,
             finishes.fruit[jar as usize % 3],
         );
     }
 }
 
-/// A refrigerator, 0.7 m by 0.66 m by 1.9 m.
+/// Adds a refrigerator, 0.7 m by 0.66 m by 1.9 m.
 pub(crate) fn fridge(mesh: &mut Mesh, place: DVec3, turn: f64, finishes: &Finishes) {
     let mut piece = Piece::new(mesh, place, turn);
-    piece.block(
-        dvec3(-0.35, 0.02, 0.02),
-        dvec3(0.35, 1.9, 0.6),
-        1.0,
-        finishes.lacquer,
-    );
+    piece.block([-0.35, 0.02, 0.02], [0.35, 1.9, 0.6], 1.0, finishes.lacquer);
     for (low, high) in [(0.04, 0.7), (0.72, 1.89)] {
         piece.block(
-            dvec3(-0.345, low, 0.6),
-            dvec3(0.345, high, 0.66),
+            [-0.345, low, 0.6],
+            [0.345, high, 0.66],
             1.0,
             finishes.lacquer,
         );
@@ -126,18 +116,13 @@ pub(crate) fn fridge(mesh: &mut Mesh, place: DVec3, turn: f64, finishes: &Finish
     }
 }
 
-/// A washing machine with its round door, 0.6 m wide and deep.
+/// Adds a washing machine with a round door, 0.6 m wide and deep.
 pub(crate) fn washer(mesh: &mut Mesh, place: DVec3, turn: f64, finishes: &Finishes) {
     let mut piece = Piece::new(mesh, place, turn);
+    piece.block([-0.3, 0.01, 0.02], [0.3, 0.85, 0.58], 1.0, finishes.lacquer);
     piece.block(
-        dvec3(-0.3, 0.01, 0.02),
-        dvec3(0.3, 0.85, 0.58),
-        1.0,
-        finishes.lacquer,
-    );
-    piece.block(
-        dvec3(-0.29, 0.72, 0.58),
-        dvec3(0.29, 0.84, 0.59),
+        [-0.29, 0.72, 0.58],
+        [0.29, 0.84, 0.59],
         1.0,
         finishes.books[4],
     );
@@ -160,7 +145,7 @@ pub(crate) fn washer(mesh: &mut Mesh, place: DVec3, turn: f64, finishes: &Finish
     }
 }
 
-/// An open rack of `width`, 1.9 m high and 0.4 m deep, with boxes and jars on five boards.
+/// Adds an open rack of `width`, 1.9 m high and 0.4 m deep, with boxes and jars on five boards.
 pub(crate) fn rack(
     mesh: &mut Mesh,
     place: DVec3,
@@ -178,31 +163,26 @@ pub(crate) fn rack(
         (half - 0.035, 0.365),
     ] {
         piece.block(
-            dvec3(x, 0.0, z),
-            dvec3(x + 0.035, 1.9, z + 0.035),
+            [x, 0.0, z],
+            [x + 0.035, 1.9, z + 0.035],
             1.0,
             finishes.metal,
         );
     }
     for board in 0..5_u32 {
         let y = 0.12 + 0.42 * f64::from(board);
-        piece.block(
-            dvec3(-half, y, 0.02),
-            dvec3(half, y + 0.025, 0.4),
-            0.8,
-            finishes.oak,
-        );
-        let mut draw = rng.fork(10 + u64::from(board));
+        piece.block([-half, y, 0.02], [half, y + 0.025, 0.4], 0.8, finishes.oak);
+        let mut random = rng.fork(10 + u64::from(board));
         let mut x = -half + 0.05;
         while x < half - 0.3 {
-            let size = draw.between(0.1, 0.24);
-            let material = if draw.unit() < 0.5 {
-                finishes.books[(draw.unit() * 6.0) as usize % 6]
+            let size = random.between(0.1, 0.24);
+            let material = if random.unit() < 0.5 {
+                finishes.books[(random.unit() * 6.0) as usize % 6]
             } else {
-                finishes.fruit[(draw.unit() * 3.0) as usize % 3]
+                finishes.fruit[(random.unit() * 3.0) as usize % 3]
             };
-            let high = draw.between(0.1, 0.26);
-            if draw.unit() < 0.5 {
+            let high = random.between(0.1, 0.26);
+            if random.unit() < 0.5 {
                 let low = dvec3(x, y + 0.026, 0.06);
                 piece.block(low, low + dvec3(size, high, 0.28), 1.0, material);
             } else {
@@ -211,59 +191,39 @@ pub(crate) fn rack(
                     .mesh
                     .add_cylinder(base, size / 2.0, high, 24, material);
             }
-            x += size + draw.between(0.02, 0.12);
+            x += size + random.between(0.02, 0.12);
         }
     }
 }
 
-/// A workbench with a vice, planks and tools on the wall, 2 m by 0.7 m.
+/// Adds a workbench with a vice, planks and tools on the wall, 2 m by 0.7 m.
 pub(crate) fn workbench(mesh: &mut Mesh, place: DVec3, turn: f64, finishes: &Finishes) {
     let mut piece = Piece::new(mesh, place, turn);
-    piece.block(
-        dvec3(-1.0, 0.82, 0.01),
-        dvec3(1.0, 0.9, 0.7),
-        0.8,
-        finishes.oak,
-    );
+    piece.block([-1.0, 0.82, 0.01], [1.0, 0.9, 0.7], 0.8, finishes.oak);
     for x in [-0.95, 0.83] {
         for z in [0.05, 0.55] {
-            piece.block(
-                dvec3(x, 0.0, z),
-                dvec3(x + 0.12, 0.82, z + 0.1),
-                0.8,
-                finishes.walnut,
-            );
+            piece.block([x, 0.0, z], [x + 0.12, 0.82, z + 0.1], 0.8, finishes.walnut);
         }
     }
-    piece.block(
-        dvec3(-0.83, 0.2, 0.05),
-        dvec3(0.83, 0.24, 0.65),
-        0.8,
-        finishes.oak,
-    );
+    piece.block([-0.83, 0.2, 0.05], [0.83, 0.24, 0.65], 0.8, finishes.oak);
     for (i, material) in finishes.books.into_iter().enumerate() {
         let x = -0.75 + 0.26 * i as f64;
         piece.block(
-            dvec3(x, 0.24, 0.15),
-            dvec3(x + 0.2, 0.4 + 0.03 * i as f64, 0.5),
+            [x, 0.24, 0.15],
+            [x + 0.2, 0.4 + 0.03 * i as f64, 0.5],
             1.0,
             material,
         );
     }
-    piece.block(
-        dvec3(0.5, 0.9, 0.45),
-        dvec3(0.7, 1.02, 0.72),
-        1.0,
-        finishes.metal,
-    );
+    piece.block([0.5, 0.9, 0.45], [0.7, 1.02, 0.72], 1.0, finishes.metal);
     piece.pipe(
-        [dvec3(0.6, 0.96, 0.72), dvec3(0.6, 0.96, 0.86)],
+        [[0.6, 0.96, 0.72], [0.6, 0.96, 0.86]],
         0.015,
         finishes.lacquer,
     );
     piece.block(
-        dvec3(-0.9, 1.25, 0.005),
-        dvec3(0.9, 1.95, 0.025),
+        [-0.9, 1.25, 0.005],
+        [0.9, 1.95, 0.025],
         0.8,
         finishes.walnut,
     );
@@ -271,13 +231,13 @@ pub(crate) fn workbench(mesh: &mut Mesh, place: DVec3, turn: f64, finishes: &Fin
         let x = -0.78 + 0.19 * f64::from(tool);
         let length = 0.2 + 0.05 * f64::from(tool * 5 % 7);
         piece.pipe(
-            [dvec3(x, 1.85, 0.045), dvec3(x, 1.85 - length, 0.045)],
+            [[x, 1.85, 0.045], [x, 1.85 - length, 0.045]],
             0.014,
             finishes.fruit[tool as usize % 3],
         );
         piece.block(
-            dvec3(x - 0.04, 1.85, 0.03),
-            dvec3(x + 0.04, 1.89, 0.06),
+            [x - 0.04, 1.85, 0.03],
+            [x + 0.04, 1.89, 0.06],
             1.0,
             finishes.metal,
         );

@@ -1,5 +1,4 @@
-//! Furniture. Pieces are built in axes of their own: +x along the wall behind them, +z into the
-//! room.
+//! Furniture. A piece has local axes: +x along the wall behind it, +z into the room.
 
 mod bath;
 mod door;
@@ -15,10 +14,10 @@ use crate::finishes::Finishes;
 use crate::mesh::{Mesh, Vertex};
 use glam::{DMat3, DVec2, DVec3, dvec3};
 use headbox_core::random::Rng;
-use std::f64::consts::{FRAC_PI_2, PI, TAU};
+use std::f64::consts::{PI, TAU};
 
-/// A piece of furniture under construction: its own axes at a place on the floor, turned about the
-/// vertical.
+/// Piece of furniture under construction: the mesh and the local frame, at a place on the floor,
+/// rotated about the vertical.
 struct Piece<'a> {
     mesh: &'a mut Mesh,
     place: DVec3,
@@ -34,13 +33,14 @@ impl<'a> Piece<'a> {
         }
     }
 
-    /// A point of the piece's own axes, in the world.
+    /// Transforms a local point to the world.
     fn at(&self, p: DVec3) -> DVec3 {
         self.place + self.world_from_piece * p
     }
 
-    /// A box between two corners in the piece's own axes.
-    fn block(&mut self, low: DVec3, high: DVec3, tile: f64, material: u32) {
+    /// Adds a box between two local corners.
+    fn block(&mut self, low: impl Into<DVec3>, high: impl Into<DVec3>, tile: f64, material: u32) {
+        let (low, high) = (low.into(), high.into());
         let centre = self.at((low + high) / 2.0);
         self.mesh.add_box(
             centre,
@@ -51,8 +51,9 @@ impl<'a> Piece<'a> {
         );
     }
 
-    /// A stuffed cushion between two corners in the piece's own axes.
-    fn cushion(&mut self, low: DVec3, high: DVec3, material: u32) {
+    /// Adds a cushion between two local corners.
+    fn cushion(&mut self, low: impl Into<DVec3>, high: impl Into<DVec3>, material: u32) {
+        let (low, high) = (low.into(), high.into());
         let centre = self.at((low + high) / 2.0);
         self.mesh.add_cushion(
             centre,
@@ -63,20 +64,19 @@ impl<'a> Piece<'a> {
         );
     }
 
-    /// A knob, or the head of a tap.
+    /// Adds a small ball, such as a knob, about a local point.
     fn ball(&mut self, centre: DVec3, radius: f64, material: u32) {
         let centre = self.at(centre);
-        self.mesh
-            .add_sphere(centre, radius, -FRAC_PI_2, FRAC_PI_2, 10, material);
+        self.mesh.add_ball(centre, radius, 10, material);
     }
 
-    /// A bar or pipe of one thickness along a path in the piece's own axes.
-    fn pipe<const N: usize>(&mut self, path: [DVec3; N], radius: f64, material: u32) {
-        let path = path.map(|p| (self.at(p), radius));
+    /// Adds a bar or pipe of constant radius along a local path.
+    fn pipe<const N: usize>(&mut self, path: [impl Into<DVec3>; N], radius: f64, material: u32) {
+        let path = path.map(|p| (self.at(p.into()), radius));
         self.mesh.add_tube(&path, 8, 1.0, material);
     }
 
-    /// Four legs of `thickness` under a rectangle of half-sizes `half_x`, `half_z`.
+    /// Adds four legs of `thickness` under a rectangle of half-sizes `half_x`, `half_z`.
     fn legs(&mut self, half_x: f64, half_z: f64, height: f64, thickness: f64, material: u32) {
         for (x, z) in [(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)] {
             let foot = dvec3(x * (half_x - thickness), 0.0, z * (half_z - thickness));
@@ -86,14 +86,13 @@ impl<'a> Piece<'a> {
     }
 }
 
-/// A table of the given size, of the materials of its top and its legs, which stand under the
-/// corners.
+/// Adds a table of the given size, with materials of its top and its legs.
 pub(crate) fn table(mesh: &mut Mesh, place: DVec3, turn: f64, size: DVec3, [top, legs]: [u32; 2]) {
     let mut piece = Piece::new(mesh, place, turn);
     let (half_x, half_z) = (size.x / 2.0, size.z / 2.0);
     piece.block(
-        dvec3(-half_x, size.y - 0.035, -half_z),
-        dvec3(half_x, size.y, half_z),
+        [-half_x, size.y - 0.035, -half_z],
+        [half_x, size.y, half_z],
         1.0,
         top,
     );
@@ -107,71 +106,66 @@ pub(crate) fn table(mesh: &mut Mesh, place: DVec3, turn: f64, size: DVec3, [top,
     );
 }
 
-/// A chair that looks along +z before it is turned.
+/// Adds a chair that faces +z before rotation.
 pub(crate) fn chair(mesh: &mut Mesh, place: DVec3, turn: f64, finishes: &Finishes) {
     let mut piece = Piece::new(mesh, place, turn);
     piece.legs(0.23, 0.23, 0.44, 0.045, finishes.walnut);
     piece.block(
-        dvec3(-0.23, 0.44, -0.23),
-        dvec3(0.23, 0.47, 0.23),
+        [-0.23, 0.44, -0.23],
+        [0.23, 0.47, 0.23],
         0.6,
         finishes.walnut,
     );
-    piece.block(
-        dvec3(-0.2, 0.47, -0.2),
-        dvec3(0.2, 0.5, 0.2),
-        0.3,
-        finishes.cushion,
-    );
+    piece.block([-0.2, 0.47, -0.2], [0.2, 0.5, 0.2], 0.3, finishes.cushion);
     for x in [-0.2, -0.1, 0.0, 0.1, 0.2] {
         piece.block(
-            dvec3(x - 0.014, 0.47, -0.22),
-            dvec3(x + 0.014, 0.9, -0.195),
+            [x - 0.014, 0.47, -0.22],
+            [x + 0.014, 0.9, -0.195],
             0.6,
             finishes.walnut,
         );
     }
     piece.block(
-        dvec3(-0.23, 0.88, -0.225),
-        dvec3(0.23, 0.97, -0.19),
+        [-0.23, 0.88, -0.225],
+        [0.23, 0.97, -0.19],
         0.6,
         finishes.walnut,
     );
 }
 
-/// A sofa whose back is at -x before it is turned.
+/// Adds a sofa whose back is at -x before rotation.
 pub(crate) fn sofa(mesh: &mut Mesh, place: DVec3, turn: f64, finishes: &Finishes) {
     let mut piece = Piece::new(mesh, place, turn);
     piece.legs(0.42, 1.0, 0.12, 0.06, finishes.walnut);
     piece.block(
-        dvec3(-0.45, 0.12, -1.05),
-        dvec3(0.45, 0.28, 1.05),
+        [-0.45, 0.12, -1.05],
+        [0.45, 0.28, 1.05],
         0.3,
         finishes.fabric,
     );
     piece.block(
-        dvec3(-0.45, 0.28, -1.05),
-        dvec3(-0.25, 0.82, 1.05),
+        [-0.45, 0.28, -1.05],
+        [-0.25, 0.82, 1.05],
         0.3,
         finishes.fabric,
     );
     for side in [-1.0_f64, 1.0] {
         let (inner, outer) = (0.85 * side, 1.05 * side);
         piece.block(
-            dvec3(-0.25, 0.28, inner.min(outer)),
-            dvec3(0.45, 0.6, inner.max(outer)),
+            [-0.25, 0.28, inner.min(outer)],
+            [0.45, 0.6, inner.max(outer)],
             0.3,
             finishes.fabric,
         );
         let seat = 0.425 * side;
         piece.block(
-            dvec3(-0.24, 0.285, seat - 0.415),
-            dvec3(0.44, 0.43, seat + 0.415),
+            [-0.24, 0.285, seat - 0.415],
+            [0.44, 0.43, seat + 0.415],
             0.3,
             finishes.fabric,
         );
     }
-    // Two cushions lean in the corners.
+    // Two inclined cushions in the corners.
     for (z, turn) in [(-0.6, 0.3), (0.55, -0.25)] {
         let lean =
             piece.world_from_piece * DMat3::from_rotation_y(turn) * DMat3::from_rotation_z(0.35);
@@ -182,49 +176,39 @@ pub(crate) fn sofa(mesh: &mut Mesh, place: DVec3, turn: f64, finishes: &Finishes
     }
 }
 
-/// A shelf of five boards of books; `place` is the middle of its back on the floor.
+/// Adds a shelf with five rows of books; `place` is the middle of its back on the floor.
 pub(crate) fn shelf(mesh: &mut Mesh, place: DVec3, turn: f64, finishes: &Finishes, rng: &Rng) {
     const HALF: f64 = 0.9;
     const DEPTH: f64 = 0.3;
     const STEP: f64 = 0.4;
     let mut piece = Piece::new(mesh, place, turn);
-    piece.block(
-        dvec3(-HALF, 0.0, 0.0),
-        dvec3(HALF, 2.1, 0.015),
-        0.8,
-        finishes.oak,
-    );
+    piece.block([-HALF, 0.0, 0.0], [HALF, 2.1, 0.015], 0.8, finishes.oak);
     for x in [-HALF, HALF - 0.03] {
-        piece.block(
-            dvec3(x, 0.0, 0.015),
-            dvec3(x + 0.03, 2.1, DEPTH),
-            0.8,
-            finishes.oak,
-        );
+        piece.block([x, 0.0, 0.015], [x + 0.03, 2.1, DEPTH], 0.8, finishes.oak);
     }
     for board in 0..=5_u32 {
         let y = f64::from(board) * STEP + 0.05;
         piece.block(
-            dvec3(-HALF + 0.03, y, 0.015),
-            dvec3(HALF - 0.03, y + 0.025, DEPTH),
+            [-HALF + 0.03, y, 0.015],
+            [HALF - 0.03, y + 0.025, DEPTH],
             0.8,
             finishes.oak,
         );
         if board == 5 {
             break;
         }
-        let mut draw = rng.fork(u64::from(board));
+        let mut random = rng.fork(u64::from(board));
         let mut x = -HALF + 0.04;
         while x < HALF - 0.12 {
-            let (thickness, height) = (draw.between(0.015, 0.05), draw.between(0.2, 0.32));
-            let depth = draw.between(0.16, 0.24);
-            let material = finishes.books[(draw.unit() * 6.0) as usize % 6];
+            let (thickness, height) = (random.between(0.015, 0.05), random.between(0.2, 0.32));
+            let depth = random.between(0.16, 0.24);
+            let material = finishes.books[(random.unit() * 6.0) as usize % 6];
             let low = dvec3(x, y + 0.026, 0.27 - depth);
             piece.block(low, low + dvec3(thickness, height, depth), 1.0, material);
-            // Here and there a gap.
+            // Some gaps.
             x += thickness
-                + if draw.unit() < 0.08 {
-                    draw.between(0.05, 0.25)
+                + if random.unit() < 0.08 {
+                    random.between(0.05, 0.25)
                 } else {
                     0.002
                 };
@@ -232,7 +216,7 @@ pub(crate) fn shelf(mesh: &mut Mesh, place: DVec3, turn: f64, finishes: &Finishe
     }
 }
 
-/// A picture in a frame; `right` (unit) runs along the wall, and `right x up` points into the room.
+/// Adds a framed picture; `right` (unit) is along the wall, and `right x up` points into the room.
 pub(crate) fn picture(
     mesh: &mut Mesh,
     centre: DVec3,
@@ -254,14 +238,14 @@ pub(crate) fn picture(
     mesh.add_rectangle(corner, right * size.x, DVec3::Y * size.y, 0.0, canvas);
 }
 
-/// A lamp on a foot, with an open shade around a glowing bulb.
+/// Adds a floor lamp with an open shade around a luminous bulb.
 pub(crate) fn floor_lamp(mesh: &mut Mesh, place: DVec3, finishes: &Finishes) {
     mesh.add_cylinder(place, 0.16, 0.025, 32, finishes.metal);
     mesh.add_cylinder(place + DVec3::Y * 0.025, 0.012, 1.43, 10, finishes.metal);
     bulb_in_shade(mesh, place + DVec3::Y * 1.5, 0.3, 0.2, finishes);
 }
 
-/// A lamp that hangs from the ceiling at height `ceiling`.
+/// Adds a lamp that hangs from the ceiling at height `ceiling`.
 pub(crate) fn pendant(mesh: &mut Mesh, place: DVec3, ceiling: f64, finishes: &Finishes) {
     let cord = [
         (place + DVec3::Y * 0.2, 0.004),
@@ -272,7 +256,7 @@ pub(crate) fn pendant(mesh: &mut Mesh, place: DVec3, ceiling: f64, finishes: &Fi
 }
 
 fn bulb_in_shade(mesh: &mut Mesh, centre: DVec3, wide: f64, narrow: f64, finishes: &Finishes) {
-    mesh.add_sphere(centre, 0.06, -FRAC_PI_2, FRAC_PI_2, 16, finishes.bulb);
+    mesh.add_ball(centre, 0.06, 16, finishes.bulb);
     let shade = [
         (centre - DVec3::Y * 0.1, wide),
         (centre + DVec3::Y * 0.2, narrow),
@@ -280,7 +264,7 @@ fn bulb_in_shade(mesh: &mut Mesh, centre: DVec3, wide: f64, narrow: f64, finishe
     mesh.add_tube(&shade, 40, 1.0, finishes.shade);
 }
 
-/// A pot with a plant of long, arching leaves that reach up to `reach` times 0.83 m away.
+/// Adds a potted plant with long, arched leaves of up to `reach` times 0.83 m.
 pub(crate) fn plant(mesh: &mut Mesh, place: DVec3, reach: f64, finishes: &Finishes, rng: &Rng) {
     let pot = [
         (place, 0.13),
@@ -296,17 +280,17 @@ pub(crate) fn plant(mesh: &mut Mesh, place: DVec3, reach: f64, finishes: &Finish
         32,
         finishes.walnut,
     );
-    let steps = mesh.rounds(10);
+    let steps = mesh.sides(10);
     for leaf in 0..44_u64 {
-        let mut draw = rng.fork(leaf);
+        let mut random = rng.fork(leaf);
         let around = leaf as f64 * 2.399_963;
         let outward = dvec3(around.cos(), 0.0, around.sin());
         let side = outward.cross(DVec3::Y);
-        let (length, rise) = (reach * draw.between(0.4, 0.75), draw.between(0.9, 1.5));
-        let base = place + DVec3::Y * 0.29 + outward * draw.between(0.0, 0.08);
+        let (length, rise) = (reach * random.between(0.4, 0.75), random.between(0.9, 1.5));
+        let base = place + DVec3::Y * 0.29 + outward * random.between(0.0, 0.08);
         mesh.add_grid(2, steps, finishes.foliage, |column, row| {
             let (s, across) = (row as f64 / steps as f64, column as f64 - 1.0);
-            // Up at first, then over and down.
+            // First up, then outward and down.
             let rib = base
                 + (outward * s * (0.25 + 0.75 * s) + DVec3::Y * (s * rise - 1.05 * s * s)) * length;
             let width = 0.045 * (s * PI * 0.92 + 0.25).sin();
@@ -319,7 +303,7 @@ pub(crate) fn plant(mesh: &mut Mesh, place: DVec3, reach: f64, finishes: &Finish
     }
 }
 
-/// A bowl of fruit.
+/// Adds a bowl of fruit.
 pub(crate) fn fruit_bowl(mesh: &mut Mesh, place: DVec3, finishes: &Finishes) {
     mesh.add_cylinder(place, 0.07, 0.012, 32, finishes.lacquer);
     mesh.add_sphere(
@@ -339,13 +323,13 @@ pub(crate) fn fruit_bowl(mesh: &mut Mesh, place: DVec3, finishes: &Finishes) {
                 if i < 5 { 0.1 } else { 0.15 },
                 around.sin() * reach,
             );
-        mesh.add_sphere(centre, 0.042, -FRAC_PI_2, FRAC_PI_2, 24, material);
+        mesh.add_ball(centre, 0.042, 24, material);
     }
 }
 
-/// A curtain in folds that hangs from `top` along `along` to `height` below.
+/// Adds a pleated curtain of `height` below an edge from `top` along `along`.
 pub(crate) fn curtain(mesh: &mut Mesh, top: DVec3, along: DVec3, height: f64, material: u32) {
-    let (columns, rows) = (mesh.rounds(72), mesh.rounds(12));
+    let (columns, rows) = (mesh.sides(72), mesh.sides(12));
     let out = along.cross(DVec3::Y).normalize_or_zero();
     mesh.add_grid(columns, rows, material, |column, row| {
         let (s, t) = (column as f64 / columns as f64, row as f64 / rows as f64);

@@ -1,4 +1,4 @@
-//! The floor plan: rooms, and the openings in their walls. Pure numbers, no triangles.
+//! The floor plan: rooms and the openings in their walls, without triangles.
 
 use glam::{DVec2, DVec3};
 use headbox_core::random::Rng;
@@ -22,13 +22,14 @@ pub(super) enum Purpose {
     Workshop,
 }
 
-/// A room between the middles of its walls.
+/// A rectangular room, bounded by the middles of its walls.
 #[derive(Clone, Debug)]
 pub(super) struct Room {
     pub(super) name: &'static str,
     pub(super) purpose: Purpose,
-    /// Least and greatest (x, z) in the middles of the walls, metres.
+    /// Least (x, z), metres.
     pub(super) low: DVec2,
+    /// Greatest (x, z), metres.
     pub(super) high: DVec2,
     /// Height of the ceiling, metres.
     pub(super) ceiling: f64,
@@ -37,9 +38,9 @@ pub(super) struct Room {
 /// Filling of an opening.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Fill {
-    /// A door that stands open, its leaf in the first cell of the opening.
+    /// An open door, its leaf in the first cell of the opening.
     Leaf,
-    /// Nothing.
+    /// No filling.
     Free,
     /// A window with a frame and bars in the room's half of the wall.
     Window,
@@ -49,26 +50,27 @@ pub(super) enum Fill {
 #[derive(Clone, Debug)]
 pub(super) struct Opening {
     pub(super) name: String,
-    /// The two cells; the outside is [`Floor::outside`]. The first is a room.
+    /// Adjacent cells: a room, and a room or [`Floor::outside`].
     pub(super) cells: [usize; 2],
     pub(super) fill: Fill,
-    /// The axis that the wall is perpendicular to: 0 is x, 1 is z.
+    /// Axis perpendicular to the wall: 0 is x, 1 is z.
     pub(super) axis: usize,
-    /// Middle of the wall on that axis.
+    /// Coordinate of the middle of the wall on `axis`, metres.
     pub(super) plane: f64,
-    /// Extent of the opening along the wall (on the other axis).
+    /// Extent along the wall, on the other axis, metres.
     pub(super) span: [f64; 2],
-    /// Heights of its lower and upper edge.
+    /// Heights of the lower and upper edge, metres.
     pub(super) heights: [f64; 2],
 }
 
-/// A whole floor.
+/// Floor plan.
 #[derive(Clone, Debug)]
 pub(super) struct Floor {
     pub(super) rooms: Vec<Room>,
     pub(super) openings: Vec<Opening>,
-    /// Least and greatest (x, z) in the middles of the outer walls.
+    /// Least (x, z) of the middles of the outer walls, metres.
     pub(super) low: DVec2,
+    /// Greatest (x, z) of the middles of the outer walls, metres.
     pub(super) high: DVec2,
 }
 
@@ -77,14 +79,14 @@ const INNER_WALL: f64 = 0.14;
 /// Thickness of the outer walls, metres.
 const OUTER_WALL: f64 = 0.34;
 
-/// North to south: where the bands of rooms, corridors and rooms begin and end.
+/// Boundaries of the bands of rooms, corridors and rooms, from north to south, metres.
 const BANDS: [f64; 4] = [0.0, 5.5, 7.4, 14.0];
-/// Boundary between pantry and utility room.
+/// Boundary between pantry and utility room, metres.
 const PANTRY: f64 = 2.7;
 /// Largest random shift of a wall between two rooms of a band, metres.
 const SHIFT: f64 = 0.25;
 
-/// West to east: rooms of the northern band, with the x at which each begins.
+/// Rooms of the northern band from west to east: start, metres; name; purpose.
 const NORTH: [(f64, &str, Purpose); 6] = [
     (0.0, "Bedroom 1", Purpose::Bedroom),
     (4.5, "Bathroom 1", Purpose::Bathroom),
@@ -93,13 +95,15 @@ const NORTH: [(f64, &str, Purpose); 6] = [
     (14.5, "Dining room", Purpose::Dining),
     (19.0, "Kitchen", Purpose::Kitchen),
 ];
-/// The north-eastern corner is divided into two.
+/// Start of the north-eastern corner, which contains two rooms, metres.
 const CORNER: f64 = 24.0;
+/// Rooms of the middle band.
 const MIDDLE: [(f64, &str, Purpose); 3] = [
     (0.0, "West corridor", Purpose::Corridor),
     (11.0, "Hall", Purpose::Hall),
     (17.0, "East corridor", Purpose::Corridor),
 ];
+/// Rooms of the southern band.
 const SOUTH: [(f64, &str, Purpose); 7] = [
     (0.0, "Bedroom 3", Purpose::Bedroom),
     (5.0, "Bathroom 2", Purpose::Bathroom),
@@ -109,10 +113,11 @@ const SOUTH: [(f64, &str, Purpose); 7] = [
     (20.5, "Library", Purpose::Library),
     (24.0, "Workshop", Purpose::Workshop),
 ];
+/// Eastern end of all bands, metres.
 const EAST_END: f64 = 27.0;
 
-/// Doors between rooms: the room that the leaf opens into, the other, and how wide the opening is.
-/// Without a leaf where it is wider than 1 m.
+/// Doors between rooms: the room that the leaf opens into, the other room, and the width, metres.
+/// Doors wider than 1 m have no leaf.
 const DOORS: [(&str, &str, f64); 29] = [
     ("Bedroom 1", "West corridor", 0.88),
     ("Bathroom 1", "West corridor", 0.8),
@@ -145,8 +150,8 @@ const DOORS: [(&str, &str, f64); 29] = [
     ("Workshop", "East corridor", 0.88),
 ];
 
-/// Openings to the outside: the room, the side of the house, where along the room's wall (0 to 1),
-/// width, and the heights of sill and lintel. A sill of 0 makes a door.
+/// Openings to the outside: room, side of the house, position along the room's wall (0 to 1), width
+/// and heights of sill and lintel, metres. An opening with a sill of 0 is a door.
 const OUTER: [(&str, Side, f64, f64, [f64; 2]); 23] = [
     ("Bedroom 1", Side::North, 0.5, 1.6, [0.9, 2.2]),
     ("Bedroom 1", Side::West, 0.5, 1.4, [0.9, 2.2]),
@@ -173,14 +178,14 @@ const OUTER: [(&str, Side, f64, f64, [f64; 2]); 23] = [
     ("Utility room", Side::East, 0.5, 0.9, [0.0, 2.1]),
 ];
 
-/// Widest opening that still has a leaf.
+/// Maximum width of an opening with a leaf, metres.
 const WIDEST_LEAF: f64 = 1.0;
 
-/// Lintel of the doors between rooms.
+/// Height of the doors between rooms, metres.
 const DOOR_HEIGHT: f64 = 2.05;
 
-/// Room that every opening keeps from the ends of its wall, measured from the middle of the
-/// crossing walls: the thickest half wall and a casing.
+/// Minimum distance between an opening and the middle of an adjacent wall, metres: the thickest half
+/// wall and a casing.
 const END: f64 = 0.3;
 
 /// A side of the house.
@@ -192,62 +197,44 @@ enum Side {
     South,
 }
 
-/// Half of the thickness of the wall in the plane `at` of a floor whose outer walls have their
-/// middles at `ends`.
-pub(super) fn half_thickness(at: f64, ends: [f64; 2]) -> f64 {
-    if ends.contains(&at) {
-        OUTER_WALL / 2.0
-    } else {
-        INNER_WALL / 2.0
-    }
-}
-
 impl Floor {
     pub(super) fn new(rng: &Rng) -> Self {
-        let mut draw = rng.fork(0);
-        let mirrored = draw.unit() < 0.5;
+        let mut random = rng.fork(0);
+        let mirrored = random.unit() < 0.5;
         let mut rooms = Vec::new();
-        let mut band = |rooms: &mut Vec<Room>,
-                        list: &[(f64, &'static str, Purpose)],
-                        from: f64,
-                        to: f64,
-                        end: f64| {
-            // The ends of the band and the edge of the corner stay; the rest moves a little.
-            let mut begins: Vec<f64> = list
+        let room = |name, purpose, [x0, x1]: [f64; 2], [z0, z1]: [f64; 2]| Room {
+            name,
+            purpose,
+            low: DVec2::new(x0, z0),
+            high: DVec2::new(x1, z1),
+            ceiling: ceiling(purpose),
+        };
+        let mut add_band = |rooms: &mut Vec<Room>,
+                            list: &[(f64, &'static str, Purpose)],
+                            z: [f64; 2],
+                            end: f64| {
+            // The ends of the band are fixed; the other boundaries move a little.
+            let mut bounds: Vec<f64> = list
                 .iter()
-                .map(|room| room.0 + SHIFT * (2.0 * draw.unit() - 1.0))
+                .map(|room| room.0 + SHIFT * (2.0 * random.unit() - 1.0))
                 .collect();
-            begins[0] = list[0].0;
-            begins.push(end);
-            for (i, &(_, name, purpose)) in list.iter().enumerate() {
-                let (low, high) = (DVec2::new(begins[i], from), DVec2::new(begins[i + 1], to));
-                rooms.push(Room {
-                    name,
-                    purpose,
-                    low,
-                    high,
-                    ceiling: ceiling(purpose),
-                });
+            bounds[0] = list[0].0;
+            bounds.push(end);
+            for (&(_, name, purpose), x) in list.iter().zip(bounds.windows(2)) {
+                rooms.push(room(name, purpose, [x[0], x[1]], z));
             }
         };
-        band(&mut rooms, &NORTH, BANDS[0], BANDS[1], CORNER);
-        let corner = [
-            ("Pantry", Purpose::Pantry, BANDS[0], PANTRY),
-            ("Utility room", Purpose::Utility, PANTRY, BANDS[1]),
-        ];
-        for (name, purpose, from, to) in corner {
-            let (low, high) = (DVec2::new(CORNER, from), DVec2::new(EAST_END, to));
-            rooms.push(Room {
-                name,
-                purpose,
-                low,
-                high,
-                ceiling: ceiling(purpose),
-            });
+        let [north, middle, south, end] = BANDS;
+        add_band(&mut rooms, &NORTH, [north, middle], CORNER);
+        for (name, purpose, z) in [
+            ("Pantry", Purpose::Pantry, [north, PANTRY]),
+            ("Utility room", Purpose::Utility, [PANTRY, middle]),
+        ] {
+            rooms.push(room(name, purpose, [CORNER, EAST_END], z));
         }
-        band(&mut rooms, &MIDDLE, BANDS[1], BANDS[2], EAST_END);
-        band(&mut rooms, &SOUTH, BANDS[2], BANDS[3], EAST_END);
-        // About the origin, and perhaps the other way round.
+        add_band(&mut rooms, &MIDDLE, [middle, south], EAST_END);
+        add_band(&mut rooms, &SOUTH, [south, end], EAST_END);
+        // Centred about the origin, and mirrored for half of the seeds.
         let centre = DVec2::new(EAST_END, BANDS[3]) / 2.0;
         for room in &mut rooms {
             let (low, high) = (room.low - centre, room.high - centre);
@@ -269,28 +256,32 @@ impl Floor {
         plan
     }
 
-    /// The outside cell: the one after the rooms.
+    /// Returns the index of the outside cell, which follows the rooms.
     pub(super) fn outside(&self) -> usize {
         self.rooms.len()
     }
 
-    /// Half of the thickness of the wall in a plane perpendicular to `axis`.
+    /// Returns half of the thickness of the wall in a plane perpendicular to `axis`, metres.
     pub(super) fn half_wall(&self, axis: usize, plane: f64) -> f64 {
-        half_thickness(plane, [self.low[axis], self.high[axis]])
+        if [self.low[axis], self.high[axis]].contains(&plane) {
+            OUTER_WALL / 2.0
+        } else {
+            INNER_WALL / 2.0
+        }
     }
 
     fn room(&self, name: &str) -> Option<usize> {
         self.rooms.iter().position(|room| room.name == name)
     }
 
-    fn add_doors(&mut self, draw: &mut Rng) {
+    fn add_doors(&mut self, random: &mut Rng) {
         for (into, from, width) in DOORS {
-            let place = draw.between(0.25, 0.75);
+            let place = random.between(0.25, 0.75);
             let (Some(a), Some(b)) = (self.room(into), self.room(from)) else {
                 continue;
             };
             let (r, s) = (&self.rooms[a], &self.rooms[b]);
-            // The axis on which one room ends where the other begins.
+            // The axis on which the rooms are adjacent.
             let touching = (0..2).find_map(|axis| {
                 let planes = [(r.high[axis], s.low[axis]), (r.low[axis], s.high[axis])];
                 planes
@@ -306,25 +297,18 @@ impl Floor {
                 r.low[along].max(s.low[along]),
                 r.high[along].min(s.high[along]),
             ];
-            let span = within(wall, place, width);
-            let fill = if width > WIDEST_LEAF {
-                Fill::Free
+            let (fill, height) = if width > WIDEST_LEAF {
+                (Fill::Free, DOOR_HEIGHT + 0.1)
             } else {
-                Fill::Leaf
+                (Fill::Leaf, DOOR_HEIGHT)
             };
-            let height = if width > WIDEST_LEAF {
-                DOOR_HEIGHT + 0.1
-            } else {
-                DOOR_HEIGHT
-            };
-            let name = format!("{into} - {from}");
             self.openings.push(Opening {
-                name,
+                name: format!("{into} - {from}"),
                 cells: [a, b],
                 fill,
                 axis,
                 plane,
-                span,
+                span: place_span(wall, place, width),
                 heights: [0.0, height],
             });
         }
@@ -349,7 +333,7 @@ impl Floor {
             } else {
                 place
             };
-            let span = within([r.low[along], r.high[along]], place, width);
+            let span = place_span([r.low[along], r.high[along]], place, width);
             let fill = match heights[0] {
                 0.0 if width > WIDEST_LEAF => Fill::Free,
                 0.0 => Fill::Leaf,
@@ -360,11 +344,9 @@ impl Floor {
             } else {
                 "way out"
             };
-            let name = format!("{name} {what} {:?}", side).to_lowercase();
-            let cells = [room, self.outside()];
             self.openings.push(Opening {
-                name,
-                cells,
+                name: format!("{name} {what} {:?}", side).to_lowercase(),
+                cells: [room, self.outside()],
                 fill,
                 axis,
                 plane,
@@ -375,13 +357,14 @@ impl Floor {
     }
 }
 
-/// A span of `width` at a place (0 to 1) of what a wall has room for.
-fn within([from, to]: [f64; 2], place: f64, width: f64) -> [f64; 2] {
+/// Returns a span of `width` at a position (0 to 1) within the extent of a wall.
+fn place_span([from, to]: [f64; 2], place: f64, width: f64) -> [f64; 2] {
     let (first, last) = (from + END, to - END - width);
     let begin = first + (last - first) * place;
     [begin, begin + width]
 }
 
+/// Returns the height of a room's ceiling, metres.
 fn ceiling(purpose: Purpose) -> f64 {
     match purpose {
         Purpose::Living | Purpose::Dining | Purpose::Library => 2.95,
@@ -391,13 +374,13 @@ fn ceiling(purpose: Purpose) -> f64 {
 }
 
 impl Opening {
-    /// Corners of the opening in the middle of the wall, counter-clockwise seen from its first
-    /// cell.
+    /// Returns the corners of the opening in the middle of the wall, counter-clockwise as seen from
+    /// its first cell.
     pub(super) fn polygon(&self, plan: &Floor) -> Vec<DVec3> {
         let at = |along: f64, y: f64| point(self.axis, self.plane, along, y);
         let [from, to] = self.span;
         let [sill, lintel] = self.heights;
-        let corners = vec![
+        let mut corners = vec![
             at(from, sill),
             at(to, sill),
             at(to, lintel),
@@ -407,15 +390,15 @@ impl Opening {
         let room = &plan.rooms[self.cells[0]];
         let to_room = (room.low[self.axis] + room.high[self.axis]) / 2.0 - self.plane;
         let faces_room = normal[[0, 2][self.axis]] * to_room > 0.0;
-        if faces_room {
-            corners
-        } else {
-            corners.into_iter().rev().collect()
+        if !faces_room {
+            corners.reverse();
         }
+        corners
     }
 }
 
-/// The point at `plane` on `axis` (0 is x, 1 is z), `along` on the other axis, and height `y`.
+/// Returns the point at `plane` on `axis` (0 is x, 1 is z), `along` on the other axis, and height
+/// `y`.
 pub(super) fn point(axis: usize, plane: f64, along: f64, y: f64) -> DVec3 {
     if axis == 0 {
         DVec3::new(plane, y, along)

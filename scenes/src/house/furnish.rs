@@ -1,17 +1,17 @@
-//! Placement of furniture: against walls, clear of doors and windows, or in the middle of a room.
+//! Placement of furniture at walls, clear of doors and windows, or in the middle of a room.
 
 use super::floor::{Fill, Floor, Purpose};
 use super::palette::Palette;
 use super::shell::Wall;
 use crate::furniture;
 use crate::mesh::Mesh;
-use glam::{DVec2, DVec3, dvec3};
+use glam::{DVec2, DVec3, Vec3Swizzles, dvec3};
 use headbox_core::random::Rng;
 use std::f64::consts::{FRAC_PI_2, PI};
 
-/// A piece of furniture, with a width where it has a choice of them.
+/// FurnitureKind of furniture, with its size if that is variable, metres.
 #[derive(Clone, Copy)]
-enum Kind {
+enum FurnitureKind {
     Bed,
     Wardrobe(f64),
     Cabinet(f64),
@@ -34,8 +34,8 @@ enum Kind {
     Chair,
 }
 
-impl Kind {
-    /// Width along the wall, height, depth into the room, metres.
+impl FurnitureKind {
+    /// Returns width along the wall, height, and depth into the room, metres.
     fn size(self) -> DVec3 {
         match self {
             Self::Bed => dvec3(2.7, 1.1, 2.15),
@@ -61,12 +61,12 @@ impl Kind {
         }
     }
 
-    fn stands_free(self) -> bool {
+    fn is_freestanding(self) -> bool {
         matches!(self, Self::LowTable | Self::Table { .. } | Self::Rug(..))
     }
 
-    /// Builds the piece; `back` is the middle of its back on the floor, or of itself if it stands
-    /// free.
+    /// Adds the piece; `back` is the middle of its back on the floor, or its centre if it is
+    /// freestanding.
     fn build(self, mesh: &mut Mesh, back: DVec3, turn: f64, palette: &Palette, rng: &Rng) {
         let f = &palette.finishes;
         let into_room = dvec3(turn.sin(), 0.0, turn.cos());
@@ -93,8 +93,8 @@ impl Kind {
                 add_table(mesh, back, turn, length, chairs, palette, rng);
             }
             Self::Rug(width, depth) => {
-                let turned = (turn / FRAC_PI_2).round() as i64 % 2 != 0;
-                let (x, z) = if turned {
+                let is_turned = (turn / FRAC_PI_2).round() as i64 % 2 != 0;
+                let (x, z) = if is_turned {
                     (depth, width)
                 } else {
                     (width, depth)
@@ -122,7 +122,7 @@ impl Kind {
     }
 }
 
-/// A table with chairs along its sides and a bowl of fruit.
+/// Adds a table with chairs along its sides and a bowl of fruit.
 fn add_table(
     mesh: &mut Mesh,
     place: DVec3,
@@ -134,25 +134,23 @@ fn add_table(
 ) {
     let f = &palette.finishes;
     furniture::table(mesh, place, turn, dvec3(length, 0.74, 0.95), [f.oak, f.oak]);
-    let (right, into) = (
-        dvec3(turn.cos(), 0.0, -turn.sin()),
-        dvec3(turn.sin(), 0.0, turn.cos()),
-    );
-    let mut draw = rng.fork(5);
+    let right = dvec3(turn.cos(), 0.0, -turn.sin());
+    let into = dvec3(turn.sin(), 0.0, turn.cos());
+    let mut random = rng.fork(5);
     let per_side = chairs.div_ceil(2);
     for chair in 0..chairs {
         let along = length * ((chair / 2) as f64 + 0.5) / per_side as f64 - length / 2.0;
         let side = if chair % 2 == 0 { 1.0 } else { -1.0 };
-        let at = place + right * along + into * side * draw.between(0.6, 0.8);
+        let at = place + right * along + into * side * random.between(0.6, 0.8);
         let facing = if chair % 2 == 0 { turn + PI } else { turn };
-        furniture::chair(mesh, at, facing + draw.between(-0.25, 0.25), f);
+        furniture::chair(mesh, at, facing + random.between(-0.25, 0.25), f);
     }
     furniture::fruit_bowl(mesh, place + dvec3(0.0, 0.74, 0.0), f);
 }
 
-/// Furniture of a room, most important first.
-fn programme(purpose: Purpose) -> &'static [Kind] {
-    use Kind::*;
+/// Returns the furniture of a room, most important first.
+fn furniture_list(purpose: Purpose) -> &'static [FurnitureKind] {
+    use FurnitureKind::*;
     match purpose {
         Purpose::Bedroom => &[
             Bed,
@@ -270,33 +268,33 @@ fn programme(purpose: Purpose) -> &'static [Kind] {
     }
 }
 
-/// A box in plan that is taken between two heights.
-struct OccupiedSpan {
+/// Occupied part of a room: a rectangle in plan between two heights, metres.
+struct OccupiedBox {
     low: DVec2,
     high: DVec2,
     heights: [f64; 2],
 }
 
-/// A room while it is being furnished.
-pub(super) struct Furnishing<'a> {
+/// Places furniture in the free space of a room.
+pub(super) struct Furnisher<'a> {
     walls: &'a [Wall<'a>],
-    /// Visible faces of the walls.
+    /// Least (x, z) of the visible faces of the walls.
     low: DVec2,
+    /// Greatest (x, z) of the visible faces of the walls.
     high: DVec2,
-    taken: Vec<OccupiedSpan>,
+    occupied: Vec<OccupiedBox>,
 }
 
-impl<'a> Furnishing<'a> {
+impl<'a> Furnisher<'a> {
     pub(super) fn new(plan: &Floor, cell: usize, walls: &'a [Wall<'a>]) -> Self {
         let room = &plan.rooms[cell];
         let half =
             |plane: DVec2| DVec2::new(plan.half_wall(0, plane.x), plan.half_wall(1, plane.y));
-        let (low, high) = (room.low + half(room.low), room.high - half(room.high));
-        let mut furnishing = Self {
+        let mut furnisher = Self {
             walls,
-            low,
-            high,
-            taken: Vec::new(),
+            low: room.low + half(room.low),
+            high: room.high - half(room.high),
+            occupied: Vec::new(),
         };
         for wall in walls {
             for hole in &wall.holes {
@@ -307,26 +305,22 @@ impl<'a> Furnishing<'a> {
                     Fill::Window => (0.0, 0.3),
                 };
                 let bottom = if is_door { 0.0 } else { hole.heights[0] - 0.03 };
-                furnishing.take(
-                    wall,
-                    [hole.span[0] - aside, hole.span[1] + aside],
-                    depth,
-                    [bottom, 9.0],
-                );
+                let span = [hole.span[0] - aside, hole.span[1] + aside];
+                furnisher.occupy_wall(wall, span, depth, [bottom, 9.0]);
             }
         }
-        furnishing
+        furnisher
     }
 
-    /// Marks part of a wall as taken.
-    fn take(&mut self, wall: &Wall, [from, to]: [f64; 2], depth: f64, heights: [f64; 2]) {
-        let [low, high] = footprint(wall, [from, to], depth);
-        self.taken.push(OccupiedSpan { low, high, heights });
+    /// Marks part of a wall and the floor in front of it as occupied.
+    fn occupy_wall(&mut self, wall: &Wall, span: [f64; 2], depth: f64, heights: [f64; 2]) {
+        let [low, high] = footprint(wall, span, depth);
+        self.occupied.push(OccupiedBox { low, high, heights });
     }
 
-    /// Keeps a box about a point of the plan free between two heights.
-    pub(super) fn keep_free(&mut self, centre: DVec2, half: f64, heights: [f64; 2]) {
-        self.taken.push(OccupiedSpan {
+    /// Marks a rectangle about a point of the plan as occupied between two heights.
+    pub(super) fn occupy(&mut self, centre: DVec2, half: DVec2, heights: [f64; 2]) {
+        self.occupied.push(OccupiedBox {
             low: centre - half,
             high: centre + half,
             heights,
@@ -334,32 +328,31 @@ impl<'a> Furnishing<'a> {
     }
 
     fn is_free(&self, low: DVec2, high: DVec2, heights: [f64; 2]) -> bool {
-        let clear = |t: &OccupiedSpan| {
+        let clear = |t: &OccupiedBox| {
             low.cmpge(t.high).any()
                 || high.cmple(t.low).any()
                 || heights[0] >= t.heights[1]
                 || heights[1] <= t.heights[0]
         };
-        low.cmpge(self.low).all() && high.cmple(self.high).all() && self.taken.iter().all(clear)
+        low.cmpge(self.low).all() && high.cmple(self.high).all() && self.occupied.iter().all(clear)
     }
 
-    /// A free stretch of wall of the given width, depth and heights: the middle of its back, and
-    /// the turn of a piece that stands there. Tries walls and places in a drawn order.
-    fn along_a_wall(
+    /// Occupies a free part of a wall of the given width, depth and heights; returns the middle of
+    /// its back, and the rotation of a piece there. Tries walls and positions in random order.
+    fn place_at_wall(
         &mut self,
-        draw: &mut Rng,
+        random: &mut Rng,
         width: f64,
         depth: f64,
         heights: [f64; 2],
     ) -> Option<(DVec3, f64)> {
         const STEP: f64 = 0.1;
         const GAP: f64 = 0.012;
-        let (first, from_the_end) = ((draw.unit() * 4.0) as usize, draw.unit() < 0.5);
+        let first = (random.unit() * 4.0) as usize;
+        let from_the_end = random.unit() < 0.5;
         for wall in (0..4).filter_map(|i| self.walls.get((first + i) % 4)) {
-            let [from, to] = [
-                wall.span[0] + GAP + width / 2.0,
-                wall.span[1] - GAP - width / 2.0,
-            ];
+            let from = wall.span[0] + GAP + width / 2.0;
+            let to = wall.span[1] - GAP - width / 2.0;
             let places = ((to - from) / STEP).floor();
             for i in 0..=places.max(-1.0) as i64 {
                 let offset = STEP * i as f64;
@@ -370,51 +363,43 @@ impl<'a> Furnishing<'a> {
                 };
                 let span = [along - width / 2.0, along + width / 2.0];
                 let [low, high] = footprint(wall, span, depth);
-                // A hand's breadth of air before the piece, and a hair beside it.
+                // With a tolerance of 1 mm.
                 if self.is_free(low + 1e-3, high - 1e-3, heights) {
-                    self.take(wall, span, depth, heights);
-                    return Some((wall.before(along, heights[0], 0.004), wall.turn()));
+                    self.occupy_wall(wall, span, depth, heights);
+                    return Some((wall.in_front(along, heights[0], 0.004), wall.turn()));
                 }
             }
         }
         None
     }
 
-    /// A free place away from the walls, as near to the middle of the room as can be.
-    fn in_the_middle(&mut self, size: DVec3, turned: bool) -> Option<DVec3> {
+    /// Occupies the free place that is nearest to the middle of the room; returns its centre.
+    fn place_in_middle(&mut self, size: DVec3, is_turned: bool) -> Option<DVec3> {
         const STEP: f64 = 0.2;
-        let half = if turned {
+        let half = if is_turned {
             DVec2::new(size.z, size.x)
         } else {
             DVec2::new(size.x, size.z)
         } / 2.0;
         let centre = (self.low + self.high) / 2.0;
         let reach = |extent: f64| (extent / 2.0 / STEP) as i32;
-        let (columns, rows) = (
-            reach(self.high.x - self.low.x),
-            reach(self.high.y - self.low.y),
-        );
+        let columns = reach(self.high.x - self.low.x);
+        let rows = reach(self.high.y - self.low.y);
         let mut places: Vec<(i32, i32)> = (-rows..=rows)
             .flat_map(|row| (-columns..=columns).map(move |column| (column, row)))
             .collect();
         places.sort_by_key(|(column, row)| column * column + row * row);
         let heights = [0.0, size.y];
-        let found = places
+        let at = places
             .into_iter()
-            .map(|(column, row)| centre + DVec2::new(column.into(), row.into()) * STEP);
-        let at = found
-            .into_iter()
+            .map(|(column, row)| centre + DVec2::new(column.into(), row.into()) * STEP)
             .find(|&at| self.is_free(at - half, at + half, heights))?;
-        self.taken.push(OccupiedSpan {
-            low: at - half,
-            high: at + half,
-            heights,
-        });
+        self.occupy(at, half, heights);
         Some(dvec3(at.x, 0.0, at.y))
     }
 
-    /// Puts up to `share` (0 to 1) of what belongs into a room of this purpose, curtains and
-    /// pictures last.
+    /// Furnishes the room with up to `share` (0 to 1) of the furniture of its purpose, curtains and
+    /// pictures.
     pub(super) fn furnish(
         &mut self,
         mesh: &mut Mesh,
@@ -424,29 +409,26 @@ impl<'a> Furnishing<'a> {
         rng: &Rng,
     ) {
         let long_in_z = (self.high - self.low).y > (self.high - self.low).x;
-        let kinds = programme(purpose);
+        let kinds = furniture_list(purpose);
         self.hang_curtains(mesh, purpose, share, palette);
-        for (i, kind) in kinds
-            .iter()
-            .enumerate()
-            .take((share * kinds.len() as f64) as usize)
-        {
-            let own = rng.fork(100 + i as u64);
+        let count = (share * kinds.len() as f64) as usize;
+        for (i, kind) in kinds.iter().enumerate().take(count) {
+            let rng = rng.fork(100 + i as u64);
             let size = kind.size();
-            let place = if kind.stands_free() {
+            let place = if kind.is_freestanding() {
                 let turn = if long_in_z { FRAC_PI_2 } else { 0.0 };
-                self.in_the_middle(size, long_in_z).map(|at| (at, turn))
+                self.place_in_middle(size, long_in_z).map(|at| (at, turn))
             } else {
-                self.along_a_wall(&mut own.fork(1), size.x, size.z, [0.0, size.y])
+                self.place_at_wall(&mut rng.fork(1), size.x, size.z, [0.0, size.y])
             };
             if let Some((at, turn)) = place {
-                kind.build(mesh, at, turn, palette, &own);
+                kind.build(mesh, at, turn, palette, &rng);
             }
         }
         self.hang_pictures(mesh, purpose, share, palette, rng);
     }
 
-    /// A pair of curtains beside every window that has room for them.
+    /// Adds a pair of curtains at every window with free space for them.
     fn hang_curtains(&mut self, mesh: &mut Mesh, purpose: Purpose, share: f64, palette: &Palette) {
         const WIDE: f64 = 0.3;
         let has_curtains = !matches!(
@@ -467,16 +449,17 @@ impl<'a> Furnishing<'a> {
                     if !self.is_free(low, high, [0.0, 2.4]) {
                         continue;
                     }
-                    self.take(wall, [from, to], 0.2, [0.0, 2.4]);
+                    self.occupy_wall(wall, [from, to], 0.2, [0.0, 2.4]);
                     let top = hole.heights[1] + 0.1;
-                    let begin = wall.before(from, top, 0.1);
-                    let along = wall.before(to, top, 0.1) - begin;
+                    let begin = wall.in_front(from, top, 0.1);
+                    let along = wall.in_front(to, top, 0.1) - begin;
                     furniture::curtain(mesh, begin, along, top - 0.04, palette.finishes.curtain);
                 }
             }
         }
     }
 
+    /// Adds pictures to free parts of the walls.
     fn hang_pictures(
         &mut self,
         mesh: &mut Mesh,
@@ -495,19 +478,19 @@ impl<'a> Furnishing<'a> {
             _ => 3,
         };
         for i in 0..(f64::from(pictures) * share) as u64 {
-            let mut draw = rng.fork(300 + i);
-            let width = draw.between(0.55, 1.1);
+            let mut random = rng.fork(300 + i);
+            let width = random.between(0.55, 1.1);
             let height = 0.75 * width;
             let heights = [1.6 - height / 2.0 - 0.05, 1.6 + height / 2.0 + 0.05];
-            let Some((back, turn)) = self.along_a_wall(&mut draw, width + 0.25, 0.05, heights)
-            else {
+            let place = self.place_at_wall(&mut random, width + 0.25, 0.05, heights);
+            let Some((back, turn)) = place else {
                 continue;
             };
             let right = dvec3(turn.cos(), 0.0, -turn.sin());
             let out = dvec3(turn.sin(), 0.0, turn.cos());
             let f = &palette.finishes;
-            let canvas = f.pictures[(draw.unit() * 3.0) as usize % 3];
-            let frame = if draw.unit() < 0.5 { f.walnut } else { f.oak };
+            let canvas = f.pictures[(random.unit() * 3.0) as usize % 3];
+            let frame = if random.unit() < 0.5 { f.walnut } else { f.oak };
             let centre = dvec3(back.x, 1.6, back.z) + out * 0.015;
             furniture::picture(
                 mesh,
@@ -521,27 +504,26 @@ impl<'a> Furnishing<'a> {
     }
 }
 
-/// Plan extent of a stretch of wall and the floor before it: least and greatest (x, z).
+/// Returns the plan extent of a part of a wall and the floor in front of it: least and greatest
+/// (x, z).
 fn footprint(wall: &Wall, [from, to]: [f64; 2], depth: f64) -> [DVec2; 2] {
-    let (a, b) = (wall.before(from, 0.0, 0.0), wall.before(to, 0.0, depth));
-    let (low, high) = (a.min(b), a.max(b));
-    [DVec2::new(low.x, low.z), DVec2::new(high.x, high.z)]
+    let a = wall.in_front(from, 0.0, 0.0);
+    let b = wall.in_front(to, 0.0, depth);
+    [a.min(b).xz(), a.max(b).xz()]
 }
 
-/// Lamps under the ceiling of rooms that get little daylight, a lamp to every five metres.
+/// Adds ceiling lamps to rooms with little daylight, one per five metres.
 pub(super) fn hang_lamps(mesh: &mut Mesh, plan: &Floor, cell: usize, palette: &Palette) {
     let room = &plan.rooms[cell];
-    let lit = [
-        Purpose::Corridor,
-        Purpose::Hall,
-        Purpose::Dressing,
-        Purpose::Pantry,
-        Purpose::Foyer,
-    ];
-    if !lit.contains(&room.purpose) {
+    let is_dim = matches!(
+        room.purpose,
+        Purpose::Corridor | Purpose::Hall | Purpose::Dressing | Purpose::Pantry | Purpose::Foyer
+    );
+    if !is_dim {
         return;
     }
-    let (size, centre) = (room.high - room.low, (room.low + room.high) / 2.0);
+    let size = room.high - room.low;
+    let centre = (room.low + room.high) / 2.0;
     let lamps = (size.max_element() / 5.0).round().max(1.0);
     let along = if size.x > size.y {
         DVec2::new(size.x, 0.0)

@@ -1,6 +1,6 @@
-//! The outside of the house, and its garden.
+//! Outside of the house: facade, roof and garden.
 
-use super::floor::{Fill, Floor};
+use super::floor::{Fill, Floor, point};
 use super::palette::Palette;
 use super::shell::walls;
 use crate::mesh::{Mesh, Vertex};
@@ -9,17 +9,18 @@ use glam::{DVec2, DVec3, dvec3};
 use headbox_core::random::Rng;
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
-/// Height of the ground, metres; the floors lie at 0.
+/// Height of the ground, metres; the floors are at 0.
 const GROUND: f64 = -0.15;
-/// Lower and upper side of the slab under the roof.
+/// Heights of the lower and upper side of the slab under the roof, metres.
 const SLAB: [f64; 2] = [3.1, 3.25];
-/// Overhang of the roof beyond the centre lines of the walls.
+/// Overhang of the roof beyond the middles of the walls, metres.
 const EAVES: f64 = 0.75;
-/// The garden is this much coarser than the house: grass needs fewer triangles a square metre.
+/// Factor of the length of cells in the garden: grass needs fewer triangles per area.
 const COARSER: f64 = 8.0;
-/// And so do trees, which are looked at from afar.
+/// Factor of the number of sides of plants, which are distant.
 const PLANTS: f64 = 0.5;
 
+/// Adds the outside cell.
 pub(super) fn add(mesh: &mut Mesh, plan: &Floor, palette: &Palette, rng: &Rng, furnished: bool) {
     let heights = [GROUND - 0.15, SLAB[0] + 0.05];
     let rows: Vec<f64> = plan
@@ -35,20 +36,18 @@ pub(super) fn add(mesh: &mut Mesh, plan: &Floor, palette: &Palette, rng: &Rng, f
             wall.add_casing(mesh, hole, palette.finishes.lacquer);
             if hole.fill == Fill::Window {
                 let sill = hole.heights[0];
-                let (a, b) = (
-                    wall.before(hole.span[0] - 0.08, sill - 0.06, 0.001),
-                    wall.before(hole.span[1] + 0.08, sill, 0.06),
-                );
+                let a = wall.in_front(hole.span[0] - 0.08, sill - 0.06, 0.001);
+                let b = wall.in_front(hole.span[1] + 0.08, sill, 0.06);
                 mesh.add_block(a.min(b), a.max(b), 1.0, palette.paving);
             } else {
-                // A step, or a terrace before the widest way out.
+                // A step, or a terrace in front of the widest door.
                 let (aside, out) = if hole.fill == Fill::Free {
                     (2.4, 3.2)
                 } else {
                     (0.35, 0.9)
                 };
-                let a = wall.before(hole.span[0] - aside, GROUND - 0.05, 0.0);
-                let b = wall.before(hole.span[1] + aside, -0.03, out);
+                let a = wall.in_front(hole.span[0] - aside, GROUND - 0.05, 0.0);
+                let b = wall.in_front(hole.span[1] + aside, -0.03, out);
                 mesh.add_block(a.min(b), a.max(b), 1.2, palette.paving);
             }
         }
@@ -71,12 +70,12 @@ pub(super) fn add(mesh: &mut Mesh, plan: &Floor, palette: &Palette, rng: &Rng, f
     mesh.fineness = fine;
 }
 
-/// A slab with a hipped roof on it, and a chimney.
+/// Adds a slab with a hipped roof, and a chimney.
 fn add_roof(mesh: &mut Mesh, plan: &Floor, palette: &Palette) {
     let [low, high] = [plan.low - EAVES, plan.high + EAVES];
     mesh.add_block(
-        dvec3(low.x, SLAB[0], low.y),
-        dvec3(high.x, SLAB[1], high.y),
+        [low.x, SLAB[0], low.y],
+        [high.x, SLAB[1], high.y],
         1.0,
         palette.finishes.lacquer,
     );
@@ -97,10 +96,8 @@ fn add_roof(mesh: &mut Mesh, plan: &Floor, palette: &Palette) {
         [a, d, west, west],
     ] {
         let slope = ((left + right) / 2.0).distance((top_left + top_right) / 2.0);
-        let (columns, rows) = (
-            mesh.cells(2.0 * left.distance(right)),
-            mesh.cells(2.0 * slope),
-        );
+        let columns = mesh.cells(2.0 * left.distance(right));
+        let rows = mesh.cells(2.0 * slope);
         let normal = (right - left).cross(top_left - left).normalize_or_zero();
         mesh.add_grid(columns, rows, palette.roof, |column, row| {
             let (s, t) = (column as f64 / columns as f64, row as f64 / rows as f64);
@@ -130,9 +127,9 @@ fn add_roof(mesh: &mut Mesh, plan: &Floor, palette: &Palette) {
     );
 }
 
-/// Hedges around the lawn, trees and bushes on it.
+/// Adds hedges around the lawn, trees and bushes.
 fn add_garden(mesh: &mut Mesh, plan: &Floor, palette: &Palette, rng: &Rng) {
-    let mut draw = rng.fork(900);
+    let mut random = rng.fork(900);
     for (x, z, along_x, length) in [
         (0.0, -25.0, true, 60.0),
         (0.0, 25.0, true, 60.0),
@@ -155,40 +152,42 @@ fn add_garden(mesh: &mut Mesh, plan: &Floor, palette: &Palette, rng: &Rng) {
     let house = plan.high + 3.2;
     let mut trees = 0;
     while trees < 16 {
-        let (x, z) = (draw.between(-28.0, 28.0), draw.between(-22.0, 22.0));
-        let (radius, trunk) = (draw.between(1.2, 2.4), draw.between(1.4, 2.6));
+        let (x, z) = (random.between(-28.0, 28.0), random.between(-22.0, 22.0));
+        let (radius, trunk) = (random.between(1.2, 2.4), random.between(1.4, 2.6));
         if x.abs() < house.x + radius && z.abs() < house.y + radius {
             continue;
         }
-        add_tree(mesh, dvec3(x, GROUND, z), radius, trunk, palette, &mut draw);
+        add_tree(
+            mesh,
+            dvec3(x, GROUND, z),
+            radius,
+            trunk,
+            palette,
+            &mut random,
+        );
         trees += 1;
     }
-    // Bushes under the windows' sills.
+    // Bushes below some of the windows.
+    let has_bushes = |span: [f64; 2]| (span[0] * 7.0).floor() % 2.0 == 0.0;
     for opening in plan
         .openings
         .iter()
-        .filter(|o| o.fill == Fill::Window && draw_bush(o.span))
+        .filter(|o| o.fill == Fill::Window && has_bushes(o.span))
     {
         let out = if opening.plane > 0.0 { 1.1 } else { -1.1 };
         for &along in &opening.span {
-            let mut centre =
-                super::floor::point(opening.axis, opening.plane + out, along, GROUND + 0.3);
-            centre += dvec3(draw.between(-0.2, 0.2), 0.0, draw.between(-0.2, 0.2));
-            let material = palette.leaves[(draw.unit() * 3.0) as usize % 3];
+            let mut centre = point(opening.axis, opening.plane + out, along, GROUND + 0.3);
+            centre += dvec3(random.between(-0.2, 0.2), 0.0, random.between(-0.2, 0.2));
+            let material = palette.leaves[(random.unit() * 3.0) as usize % 3];
             add_clump(
                 mesh,
                 centre,
-                draw.between(0.35, 0.55),
+                random.between(0.35, 0.55),
                 material,
                 (along * 1000.0) as i64 as u64,
             );
         }
     }
-}
-
-/// Every other window has bushes, by where it is.
-fn draw_bush(span: [f64; 2]) -> bool {
-    (span[0] * 7.0).floor() % 2.0 == 0.0
 }
 
 fn add_tree(
@@ -197,7 +196,7 @@ fn add_tree(
     radius: f64,
     trunk: f64,
     palette: &Palette,
-    draw: &mut Rng,
+    random: &mut Rng,
 ) {
     let top = foot + DVec3::Y * (trunk + radius);
     mesh.add_tube(
@@ -207,40 +206,46 @@ fn add_tree(
         palette.finishes.walnut,
     );
     for clump in 0..5 {
-        let around = f64::from(clump) * TAU / 4.0 + draw.between(-0.4, 0.4);
+        let around = f64::from(clump) * TAU / 4.0 + random.between(-0.4, 0.4);
         let aside = if clump == 4 { 0.0 } else { 0.55 };
         let offset = dvec3(
             around.cos() * aside,
             if clump == 4 { 0.55 } else { 0.0 },
             around.sin() * aside,
         );
-        let material = palette.leaves[(draw.unit() * 3.0) as usize % 3];
-        let seed = (draw.unit() * 1e9) as u64;
+        let material = palette.leaves[(random.unit() * 3.0) as usize % 3];
+        let seed = (random.unit() * 1e9) as u64;
         add_clump(
             mesh,
             top + offset * radius,
-            radius * draw.between(0.55, 0.75),
+            radius * random.between(0.55, 0.75),
             material,
             seed,
         );
     }
 }
 
-/// A ball of leaves: a sphere with dents.
+/// Adds a clump of leaves: a sphere with dents.
 fn add_clump(mesh: &mut Mesh, centre: DVec3, radius: f64, material: u32, seed: u64) {
-    let (columns, rows) = (mesh.rounds(24), mesh.rounds(12));
+    let (columns, rows) = (mesh.sides(24), mesh.sides(12));
     mesh.add_grid(columns, rows, material, |column, row| {
-        // The seam and the poles are exact, so that no gap opens and the triangles without area are
-        // seen to be.
-        let (u, v) = (
-            (column % columns) as f64 / columns as f64,
-            row as f64 / rows as f64,
+        // The seam and the poles are exact, so that the seam is closed and triangles without area
+        // are detected.
+        let u = (column % columns) as f64 / columns as f64;
+        let v = row as f64 / rows as f64;
+        let (longitude, latitude) = (u * TAU, v * PI - FRAC_PI_2);
+        let is_pole = row == 0 || row == rows;
+        let rim = if is_pole { 0.0 } else { latitude.cos() };
+        let direction = dvec3(
+            longitude.cos() * rim,
+            latitude.sin(),
+            -longitude.sin() * rim,
         );
-        let (around, height) = (u * TAU, v * PI - FRAC_PI_2);
-        let pole = row == 0 || row == rows;
-        let rim = if pole { 0.0 } else { height.cos() };
-        let direction = dvec3(around.cos() * rim, height.sin(), -around.sin() * rim);
-        let dent = if pole { 0.5 } else { fractal(u, v, 6, 5, seed) };
+        let dent = if is_pole {
+            0.5
+        } else {
+            fractal(u, v, 6, 5, seed)
+        };
         Vertex::new(
             centre + direction * radius * (0.72 + 0.5 * dent),
             DVec3::ZERO,

@@ -1,4 +1,4 @@
-//! The materials of the house beyond those of its furniture.
+//! Materials of the house in addition to those of its furniture.
 
 use super::floor::Purpose;
 use crate::finishes::Finishes;
@@ -7,10 +7,10 @@ use crate::texture::{fractal, mix, noise, paint, shade};
 use headbox_core::random::{Rng, hash, unit};
 use headbox_scene::material::Texture;
 
-/// Indices of materials.
+/// Indices of the materials.
 pub(super) struct Palette {
     pub(super) finishes: Finishes,
-    /// Papers and paints of the rooms' walls, dealt out room by room.
+    /// Wallpapers and paints, chosen per room.
     walls: Vec<u32>,
     wall_tiles: [u32; 2],
     carpets: [u32; 2],
@@ -24,7 +24,7 @@ pub(super) struct Palette {
     pub(super) leaves: [u32; 3],
 }
 
-/// Metres to one period of the textures of walls and floors.
+/// Period of the textures of walls and floors, metres.
 pub(super) const TILE_M: f64 = 1.2;
 
 impl Palette {
@@ -83,9 +83,9 @@ impl Palette {
         }
     }
 
-    /// Material of a room's walls.
-    pub(super) fn walls_of(&self, purpose: Purpose, draw: &mut Rng) -> u32 {
-        let pick = draw.unit();
+    /// Chooses the material of a room's walls.
+    pub(super) fn wall_material(&self, purpose: Purpose, random: &mut Rng) -> u32 {
+        let pick = random.unit();
         match purpose {
             Purpose::Bathroom => self.wall_tiles[(pick * 2.0) as usize % 2],
             Purpose::Pantry | Purpose::Utility | Purpose::Workshop => self.walls[0],
@@ -96,9 +96,9 @@ impl Palette {
         }
     }
 
-    /// Material of a room's floor.
-    pub(super) fn floor_of(&self, purpose: Purpose, draw: &mut Rng) -> u32 {
-        let second = draw.unit() < 0.5;
+    /// Chooses the material of a room's floor.
+    pub(super) fn floor_material(&self, purpose: Purpose, random: &mut Rng) -> u32 {
+        let second = random.unit() < 0.5;
         match purpose {
             Purpose::Bathroom | Purpose::Kitchen | Purpose::Foyer => self.finishes.tiles,
             Purpose::Pantry | Purpose::Utility => self.terracotta,
@@ -121,7 +121,7 @@ fn plaster(a: [f64; 3], b: [f64; 3], seed: u64) -> Texture {
     })
 }
 
-/// Rows of leaves that repeat.
+/// Rows of leaves.
 fn damask(ground: [f64; 3], figure: [f64; 3]) -> Texture {
     paint(256, 256, |u, v| {
         let (x, y) = (
@@ -138,7 +138,7 @@ fn damask(ground: [f64; 3], figure: [f64; 3]) -> Texture {
     })
 }
 
-/// Square tiles, `count` to a period, each with a shade of its own, and joints.
+/// Square tiles with joints, `count` per period, each tile with its own shade.
 fn tiling(color: [f64; 3], count: f64, seed: u64) -> Texture {
     paint(256, 256, |u, v| {
         let (x, y) = (u * count, v * count);

@@ -1,23 +1,23 @@
-//! `interior`: a furnished room of 6 m by 5 m by 2.8 m, with sun and sky through three windows.
+//! `interior`: a furnished room of 6 m by 5 m by 2.8 m, lit by sun and sky through three windows.
 
 use crate::finishes::Finishes;
 use crate::furniture;
-use crate::mesh::Mesh;
+use crate::mesh::{Mesh, Vertex};
 use glam::{DVec2, DVec3, dvec3};
 use headbox_core::random::Rng;
 use headbox_scene::scene::Scene;
-use std::f64::consts::{FRAC_PI_2, PI};
+use std::f64::consts::PI;
 
 /// Half of the room's width (x) and depth (z), and its height; inner faces of the walls, metres.
 const ROOM: DVec3 = dvec3(3.0, 2.8, 2.5);
 
-/// Thickness of the outer walls.
+/// Thickness of the outer walls, metres.
 const WALL: f64 = 0.25;
 
-/// Metres to one period of the wallpaper.
+/// Period of the wallpaper, metres.
 const WALLPAPER: f64 = 0.6;
 
-/// An opening in a wall: where it begins and ends along the wall, and its sill and lintel.
+/// A window: start and end along the wall, and heights of sill and lintel, metres.
 #[derive(Clone, Copy)]
 struct Window {
     from: f64,
@@ -37,7 +37,7 @@ pub(crate) fn build(seed: u64) -> Scene {
     mesh.finish("interior", dvec3(0.2, 1.45, 0.9), 0.4)
 }
 
-/// Floor, ceiling, walls, windows and door.
+/// Adds floor, ceiling, walls, windows and door.
 fn add_shell(mesh: &mut Mesh, finishes: &Finishes) {
     let (x, z) = (ROOM.x, ROOM.z);
     mesh.add_rectangle(
@@ -48,8 +48,8 @@ fn add_shell(mesh: &mut Mesh, finishes: &Finishes) {
         finishes.parquet,
     );
     mesh.add_block(
-        dvec3(-x - WALL, ROOM.y, -z - WALL),
-        dvec3(x + WALL, ROOM.y + 0.2, z + WALL),
+        [-x - WALL, ROOM.y, -z - WALL],
+        [x + WALL, ROOM.y + 0.2, z + WALL],
         2.0,
         finishes.plaster,
     );
@@ -68,7 +68,7 @@ fn add_shell(mesh: &mut Mesh, finishes: &Finishes) {
             lintel: 2.35,
         },
     ];
-    // Along each wall `right x up` points into the room.
+    // For each wall, `right x up` points into the room.
     add_wall(
         mesh,
         dvec3(x, 0.0, -z),
@@ -103,11 +103,11 @@ fn add_shell(mesh: &mut Mesh, finishes: &Finishes) {
     );
     add_wall(mesh, dvec3(-x, 0.0, -z), DVec3::X, 2.0 * x, &[], finishes);
 
-    for (z0, along) in [(-1.98, 0.3), (-0.52, 0.3), (0.12, 0.3), (1.58, 0.3)] {
+    for z0 in [-1.98, -0.52, 0.12, 1.58] {
         furniture::curtain(
             mesh,
             dvec3(x - 0.09, 2.5, z0),
-            DVec3::Z * along,
+            DVec3::Z * 0.3,
             2.4,
             finishes.curtain,
         );
@@ -133,8 +133,8 @@ impl Window {
     }
 }
 
-/// A wall from `corner` along `right` (unit), papered inside, with windows in ascending order; and
-/// its skirting board.
+/// Adds a wall from `corner` along `right` (unit), wallpapered inside, with windows in ascending
+/// order and a skirting board.
 fn add_wall(
     mesh: &mut Mesh,
     corner: DVec3,
@@ -145,13 +145,14 @@ fn add_wall(
 ) {
     let out = DVec3::Y.cross(right);
     let mut panel = |from: f64, to: f64, low: f64, high: f64| {
-        // Wallpaper inside, plaster outside; the texture goes on from panel to panel.
+        // Wallpaper inside, plaster outside; the texture continues from panel to panel.
         let at = |along: f64, y: f64| corner + right * along + DVec3::Y * y;
-        let (size, start) = (DVec2::new(to - from, high - low), DVec2::new(from, low));
+        let size = DVec2::new(to - from, high - low);
+        let start = DVec2::new(from, low);
         mesh.add_grid(1, 1, finishes.wallpaper, |column, row| {
             let offset = size * DVec2::new(column as f64, row as f64);
             let position = at(from + offset.x, low + offset.y);
-            crate::mesh::Vertex::new(position, -out, (start + offset) / WALLPAPER)
+            Vertex::new(position, -out, (start + offset) / WALLPAPER)
         });
         mesh.add_rectangle(
             at(to, low) + out * WALL,
@@ -172,18 +173,11 @@ fn add_wall(
     for window in windows {
         add_window(mesh, corner, right, *window, finishes);
     }
-    let inner = corner - out * 0.015;
-    let ends = [corner, inner + right * length + DVec3::Y * 0.09];
-    mesh.add_block(
-        ends[0].min(ends[1]),
-        ends[0].max(ends[1]),
-        1.0,
-        finishes.lacquer,
-    );
+    let end = corner - out * 0.015 + right * length + DVec3::Y * 0.09;
+    mesh.add_block(corner.min(end), corner.max(end), 1.0, finishes.lacquer);
 }
 
-/// The reveal of an opening, its sill, and a frame with a cross of bars; the panes are too clear to
-/// be seen.
+/// Adds the reveals of a window, its sill, and a frame with a cross of bars, without panes.
 fn add_window(mesh: &mut Mesh, corner: DVec3, right: DVec3, window: Window, finishes: &Finishes) {
     let out = DVec3::Y.cross(right);
     let Window {
@@ -192,51 +186,37 @@ fn add_window(mesh: &mut Mesh, corner: DVec3, right: DVec3, window: Window, fini
         sill,
         lintel,
     } = window;
-    let mut block = |a: DVec3, b: DVec3, material: u32| {
-        // Own axes: along the wall, up, outward.
-        let [a, b] = [a, b].map(|p| corner + right * p.x + DVec3::Y * p.y + out * p.z);
+    let mut block = |a: [f64; 3], b: [f64; 3], material: u32| {
+        // Local axes: along the wall, up, outward.
+        let [a, b] = [a, b].map(|[x, y, z]| corner + right * x + DVec3::Y * y + out * z);
         mesh.add_block(a.min(b), a.max(b), 1.0, material);
     };
+    let (plaster, lacquer) = (finishes.plaster, finishes.lacquer);
     let reveal = 0.02;
+    let outer = WALL - 0.001;
+    block([from - reveal, sill, 0.001], [from, lintel, outer], plaster);
+    block([to, sill, 0.001], [to + reveal, lintel, outer], plaster);
+    block([from, lintel, 0.001], [to, lintel + reveal, outer], plaster);
     block(
-        dvec3(from - reveal, sill, 0.001),
-        dvec3(from, lintel, WALL - 0.001),
-        finishes.plaster,
-    );
-    block(
-        dvec3(to, sill, 0.001),
-        dvec3(to + reveal, lintel, WALL - 0.001),
-        finishes.plaster,
-    );
-    block(
-        dvec3(from, lintel, 0.001),
-        dvec3(to, lintel + reveal, WALL - 0.001),
-        finishes.plaster,
-    );
-    block(
-        dvec3(from - 0.05, sill - 0.03, -0.12),
-        dvec3(to + 0.05, sill, WALL - 0.001),
-        finishes.lacquer,
+        [from - 0.05, sill - 0.03, -0.12],
+        [to + 0.05, sill, outer],
+        lacquer,
     );
     let (near, far, bar) = (0.12, 0.17, 0.05);
     let middle = (from + to) / 2.0;
     for x in [from, middle - bar / 2.0, to - bar] {
-        block(
-            dvec3(x, sill, near),
-            dvec3(x + bar, lintel, far),
-            finishes.lacquer,
-        );
+        block([x, sill, near], [x + bar, lintel, far], lacquer);
     }
     for y in [sill, sill + (lintel - sill) * 0.68, lintel - bar] {
         block(
-            dvec3(from + bar, y, near + 0.004),
-            dvec3(to - bar, y + bar, far - 0.004),
-            finishes.lacquer,
+            [from + bar, y, near + 0.004],
+            [to - bar, y + bar, far - 0.004],
+            lacquer,
         );
     }
 }
 
-/// A panelled door in the front wall, with tiles before it.
+/// Adds a panelled door in the front wall, and tiles in front of it.
 fn add_door(mesh: &mut Mesh, finishes: &Finishes) {
     let (x0, x1, z) = (-2.5, -1.6, ROOM.z);
     mesh.add_rectangle(
@@ -247,40 +227,40 @@ fn add_door(mesh: &mut Mesh, finishes: &Finishes) {
         finishes.tiles,
     );
     mesh.add_block(
-        dvec3(x0 - 0.08, 0.0, z - 0.03),
-        dvec3(x1 + 0.08, 2.13, z - 0.001),
+        [x0 - 0.08, 0.0, z - 0.03],
+        [x1 + 0.08, 2.13, z - 0.001],
         1.0,
         finishes.lacquer,
     );
     mesh.add_block(
-        dvec3(x0, 0.005, z - 0.045),
-        dvec3(x1, 2.05, z - 0.03),
+        [x0, 0.005, z - 0.045],
+        [x1, 2.05, z - 0.03],
         0.9,
         finishes.oak,
     );
     for (low, high) in [(0.15, 0.95), (1.1, 1.9)] {
         mesh.add_block(
-            dvec3(x0 + 0.12, low, z - 0.06),
-            dvec3(x1 - 0.12, high, z - 0.045),
+            [x0 + 0.12, low, z - 0.06],
+            [x1 - 0.12, high, z - 0.045],
             0.7,
             finishes.oak,
         );
     }
     mesh.add_block(
-        dvec3(x1 - 0.09, 1.0, z - 0.1),
-        dvec3(x1 - 0.05, 1.04, z - 0.045),
+        [x1 - 0.09, 1.0, z - 0.1],
+        [x1 - 0.05, 1.04, z - 0.045],
         1.0,
         finishes.metal,
     );
     mesh.add_block(
-        dvec3(x1 - 0.18, 1.01, z - 0.1),
-        dvec3(x1 - 0.05, 1.03, z - 0.085),
+        [x1 - 0.18, 1.01, z - 0.1],
+        [x1 - 0.05, 1.03, z - 0.085],
         1.0,
         finishes.metal,
     );
 }
 
-/// A lawn with hedges, so that there is something to see outside.
+/// Adds a lawn with hedges and trees, visible through the windows.
 fn add_garden(mesh: &mut Mesh, finishes: &Finishes) {
     let corner = dvec3(-40.0, -0.3, 40.0);
     mesh.add_rectangle(
@@ -291,14 +271,14 @@ fn add_garden(mesh: &mut Mesh, finishes: &Finishes) {
         finishes.lawn,
     );
     mesh.add_block(
-        dvec3(14.0, -0.3, -12.0),
-        dvec3(15.5, 1.6, 14.0),
+        [14.0, -0.3, -12.0],
+        [15.5, 1.6, 14.0],
         2.5,
         finishes.foliage,
     );
     mesh.add_block(
-        dvec3(-12.0, -0.3, 13.0),
-        dvec3(14.0, 1.4, 14.5),
+        [-12.0, -0.3, 13.0],
+        [14.0, 1.4, 14.5],
         2.5,
         finishes.foliage,
     );
@@ -316,27 +296,15 @@ fn add_garden(mesh: &mut Mesh, finishes: &Finishes) {
             (0.2, 0.0, 0.6, 0.65),
         ] {
             let centre = dvec3(x, 1.4 + radius, z) + dvec3(right, up, near) * radius;
-            mesh.add_sphere(
-                centre,
-                radius * share,
-                -FRAC_PI_2,
-                FRAC_PI_2,
-                24,
-                finishes.foliage,
-            );
+            mesh.add_ball(centre, radius * share, 24, finishes.foliage);
         }
         mesh.add_cylinder(dvec3(x, -0.3, z), 0.14, 2.4, 12, finishes.walnut);
     }
 }
 
-/// Sofa, low table, rug, shelf, lamp and pictures.
+/// Adds sofa, low table, rug, shelf, lamp and pictures.
 fn add_lounge(mesh: &mut Mesh, finishes: &Finishes, rng: &Rng) {
-    mesh.add_block(
-        dvec3(-2.2, 0.0, -0.9),
-        dvec3(-0.4, 0.012, 1.5),
-        0.0,
-        finishes.rug,
-    );
+    mesh.add_block([-2.2, 0.0, -0.9], [-0.4, 0.012, 1.5], 0.0, finishes.rug);
     furniture::sofa(mesh, dvec3(-2.5, 0.0, 0.3), 0.0, finishes);
     furniture::table(
         mesh,
@@ -346,14 +314,14 @@ fn add_lounge(mesh: &mut Mesh, finishes: &Finishes, rng: &Rng) {
         [finishes.walnut, finishes.walnut],
     );
     mesh.add_block(
-        dvec3(-1.45, 0.412, 0.1),
-        dvec3(-1.25, 0.435, 0.38),
+        [-1.45, 0.412, 0.1],
+        [-1.25, 0.435, 0.38],
         1.0,
         finishes.books[0],
     );
     mesh.add_block(
-        dvec3(-1.43, 0.435, 0.13),
-        dvec3(-1.27, 0.452, 0.36),
+        [-1.43, 0.435, 0.13],
+        [-1.27, 0.452, 0.36],
         1.0,
         finishes.books[4],
     );
@@ -390,7 +358,7 @@ fn add_lounge(mesh: &mut Mesh, finishes: &Finishes, rng: &Rng) {
     );
 }
 
-/// Table, four chairs, fruit and a hanging lamp.
+/// Adds a table with four chairs, fruit and a hanging lamp.
 fn add_dining(mesh: &mut Mesh, finishes: &Finishes) {
     let place = dvec3(1.45, 0.0, -1.0);
     furniture::table(
