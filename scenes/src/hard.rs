@@ -14,8 +14,8 @@ fn checks(a: [f64; 3], b: [f64; 3]) -> Texture {
     checkerboard([64; 2], [4.0; 2], a, b)
 }
 
-/// Builds `poles`: poles from 1 mm to 4 cm thick on rings from 2 m to 64 m, over a checkered ground.
-/// Most are thinner than a pixel, with depth discontinuities between neighbours.
+/// Builds `poles`: poles from 1 mm to 4 cm thick on rings from 2 m to 64 m, over a checkered
+/// ground. Most are thinner than a pixel, with depth discontinuities between neighbours.
 pub(crate) fn poles(seed: u64) -> Scene {
     let mut mesh = Mesh::default();
     let rng = Rng::new(seed);
@@ -59,8 +59,8 @@ pub(crate) fn poles(seed: u64) -> Scene {
     mesh.finish("poles", DVec3::Y * 1.6, 0.5)
 }
 
-/// Builds `edge-on`: rectangles around the headbox whose planes contain its centre, so that they are
-/// lines from there and areas from anywhere else; and a room around them.
+/// Builds `edge-on`: rectangles around the headbox whose planes contain its centre, so that they
+/// are lines from there and areas from anywhere else; and a room around them.
 pub(crate) fn edge_on(_seed: u64) -> Scene {
     let mut mesh = Mesh::default();
     let wall = mesh.textured("wall", checks([0.8, 0.8, 0.8], [0.6, 0.6, 0.65]));
@@ -80,8 +80,8 @@ pub(crate) fn edge_on(_seed: u64) -> Scene {
     mesh.finish("edge-on", DVec3::ZERO, 0.5)
 }
 
-/// Builds `contact`: a panel 1 mm in front of every face of the headbox, covering a quarter of it, in
-/// a room.
+/// Builds `contact`: a panel 1 mm in front of every face of the headbox, covering a quarter of it,
+/// in a room.
 pub(crate) fn contact(_seed: u64) -> Scene {
     const HALF: f64 = 0.5;
     const GAP: f64 = 0.001;

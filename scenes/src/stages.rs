@@ -12,8 +12,8 @@ use headbox_scene::material::Texture;
 use headbox_scene::scene::Scene;
 use std::f64::consts::TAU;
 
-/// Builds `net`: a wavy net of knotted cord in front of balls and a painted wall, at 1.83 to 3.09 m,
-/// for a camera square of 1 m.
+/// Builds `net`: a wavy net of knotted cord in front of balls and a painted wall, at 1.83 to 3.09
+/// m, for a camera square of 1 m.
 pub(crate) fn net(seed: u64) -> Scene {
     let mut mesh = Mesh::default();
     let wall = mesh.textured("wall", plaster([0.52, 0.60, 0.68], seed));

@@ -3,9 +3,9 @@
 use glam::DVec3;
 use headbox_scene::scene::Scene;
 
-/// Whether a triangle and the axis-aligned cube of half-size `half` about the origin overlap: no
-/// separating axis among the three of the cube, the triangle's normal, and the nine products of
-/// their edges (Akenine-Moeller 2001).
+/// Returns true if a triangle overlaps the axis-aligned cube of half-size `half` about the origin:
+/// there is no separating axis among the three of the cube, the triangle's normal, and the nine
+/// cross products of their edges (Akenine-Moeller 2001).
 fn overlaps([a, b, c]: [DVec3; 3], half: f64) -> bool {
     let edges = [b - a, c - b, a - c];
     let normal = edges[0].cross(edges[1]);

@@ -81,8 +81,8 @@ fn portals_lie_between_their_two_cells() {
     }
 }
 
-/// How far a point lies outside a cell's box in plan and height, metres; for the outside cell, how
-/// far inside the nearest room's.
+/// Returns the distance of a point outside a cell's box, in plan and height, metres; for the
+/// outside cell, the distance inside the nearest room's box.
 fn stray(model: &PortalModel, cell: usize, p: DVec3) -> f64 {
     let beyond = |prism: &Prism| {
         let (low, high) = (prism.outline[0], prism.outline[2]);

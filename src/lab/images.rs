@@ -95,8 +95,8 @@ pub struct Geometry {
     pub resources: GeometryResources,
 }
 
-/// Measures a set; `show` receives every view's frames. With `hold_out` 1 the views are left out one
-/// at a time, otherwise every `hold_out`-th view at once.
+/// Measures a set; `show` receives every view's frames. With `hold_out` 1 the views are left out
+/// one at a time, otherwise every `hold_out`-th view at once.
 ///
 /// # Errors
 /// See [`HoldOutError`].
@@ -142,13 +142,13 @@ pub fn measure(
     };
     for left_out in &rounds {
         test.geometry.leave_out(left_out);
-        let kept: Vec<&View> = (0..views.len())
+        let others: Vec<&View> = (0..views.len())
             .filter(|i| !left_out.contains(i))
             .map(|i| views[i])
             .collect();
-        let all = test.cube(job.centre, &kept)?;
+        let all = test.cube(job.centre, &others)?;
         let others = ImageSet {
-            views: kept.iter().map(|&view| view.clone()).collect(),
+            views: others.into_iter().cloned().collect(),
             ..set.clone()
         };
         let mut near = NearImages::new(others, job.clone(), NearImages::DEFAULT_BUDGET)?;

@@ -39,9 +39,9 @@ pub struct SpriteRange {
 }
 
 impl SpriteRange {
-    /// Draws `set`, captured by `reference`, in every variant while the eye moves to the right and a
-    /// little up and looks at the same point, and compares with truth with the rays, light and size
-    /// of the capture. `None` if no sprite is straight ahead.
+    /// Draws `set`, captured by `reference`, in every variant while the eye moves to the right and
+    /// a little up and looks at the same point, and compares with truth with the rays, light and
+    /// size of the capture. `None` if no sprite is straight ahead.
     ///
     /// # Errors
     /// [`ReportError::Camera`] and [`ReportError::Metric`] for numbers out of range.
@@ -118,25 +118,17 @@ impl SpriteRange {
     pub fn chart(&self, name: &str) -> Chart {
         let series = SpriteVariant::ALL.iter().enumerate();
         let series = series.map(|(index, variant)| {
-            let points = self.places.iter().map(|place| ChartPoint {
-                at: [place.displacement_m, place.flips[index]],
-                name: String::new(),
-                spread: None,
-            });
-            Series {
-                name: variant.name().into(),
-                points: points.collect(),
-                joined: true,
-                hollow: false,
-                color: index,
-            }
+            let points = self.places.iter();
+            let points =
+                points.map(|place| ChartPoint::new([place.displacement_m, place.flips[index]]));
+            Series::line(variant.name(), points.collect(), index)
         });
         Chart {
             title: format!("{name}: range of sprites with depth"),
             note: "The eye moves to the right and a little up from where the sprites were taken, and looks at the same point."
                 .into(),
-            x: Axis { name: "eye displacement, m".into(), is_logarithmic: false },
-            y: Axis { name: "FLIP error (0 = equal)".into(), is_logarithmic: false },
+            x: Axis::linear("eye displacement, m"),
+            y: Axis::linear("FLIP error (0 = equal)"),
             series: series.collect(),
             front: Vec::new(),
         }

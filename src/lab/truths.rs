@@ -226,12 +226,12 @@ fn hash_scene(scene: &Scene, hash: &mut DefaultHasher) {
 }
 
 /// Estimates the rays per pixel for a standard error of `wanted_db`, given `reached_db` after
-/// `samples`: the squared error is proportional to 1 / samples. Adds a margin of a fifth; returns at
-/// most 16 times as many, because the standard error measured with few samples is unreliable.
+/// `samples`: the squared error is proportional to 1 / samples. Adds a margin of a fifth; returns
+/// at most 16 times as many, because the standard error measured with few samples is unreliable.
 pub fn samples_for(wanted_db: f64, reached_db: f64, samples: u32, most: u32) -> u32 {
     let factor = (10f64.powf((wanted_db - reached_db) / 10.0) * 1.2).clamp(1.0, 16.0);
-    let wanted = (f64::from(samples) * factor / 16.0).ceil() * 16.0;
-    (wanted as u32).clamp(samples, most.max(samples))
+    let required = (f64::from(samples) * factor / 16.0).ceil() * 16.0;
+    (required as u32).clamp(samples, most.max(samples))
 }
 
 #[cfg(test)]

@@ -12,8 +12,8 @@ pub(crate) struct DoorLeaf {
     pub(crate) thickness: f64,
 }
 
-/// Adds a leaf from its lower corner at the hinge: `width` along the unit vector `along`, `thickness`
-/// along `across`, with two panels and a handle on each face.
+/// Adds a leaf from its lower corner at the hinge: `width` along the unit vector `along`,
+/// `thickness` along `across`, with two panels and a handle on each face.
 pub(crate) fn door_leaf(
     mesh: &mut Mesh,
     corner: DVec3,

@@ -184,8 +184,8 @@ const WIDEST_LEAF: f64 = 1.0;
 /// Height of the doors between rooms, metres.
 const DOOR_HEIGHT: f64 = 2.05;
 
-/// Minimum distance between an opening and the middle of an adjacent wall, metres: the thickest half
-/// wall and a casing.
+/// Minimum distance between an opening and the middle of an adjacent wall, metres: the thickest
+/// half wall and a casing.
 const END: f64 = 0.3;
 
 /// A side of the house.

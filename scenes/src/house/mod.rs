@@ -36,8 +36,8 @@ const EYE: f64 = 1.5;
 /// crosses a portal.
 ///
 /// Walls and furniture are tessellated in discrete steps to at most `triangle_budget` triangles (a
-/// few per cent less; a fifth less for small budgets). A small budget leaves out furniture; the bare
-/// walls (some 4,600 triangles) remain for any budget.
+/// few per cent less; a fifth less for small budgets). A small budget leaves out furniture; the
+/// bare walls (some 4,600 triangles) remain for any budget.
 pub fn house(seed: u64, triangle_budget: usize) -> PortalModel {
     let plan = Floor::new(&Rng::new(seed));
     let mut mesh = Mesh::default();

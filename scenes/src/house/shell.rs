@@ -2,8 +2,8 @@
 //!
 //! Each of the two cells at a wall has its own half of it, which ends in the middle of the wall's
 //! thickness: there is the portal, and the reveals of both halves meet at its edges. Floors and
-//! ceilings extend to the middle of the walls, and walls overlap a little in the corners, so that no
-//! ray leaks between them.
+//! ceilings extend to the middle of the walls, and walls overlap a little in the corners, so that
+//! no ray leaks between them.
 
 use super::floor::{Fill, Floor, Opening, point};
 use crate::finishes::Finishes;

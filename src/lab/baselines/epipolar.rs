@@ -67,8 +67,8 @@ impl Rays {
     }
 }
 
-/// Returns the diamond angle of a vector, 0 to 4: monotonic in the angle, with 1 for a quarter turn.
-/// It measures the perimeter of a square instead of a circle, which needs only one division.
+/// Returns the diamond angle of a vector, 0 to 4: monotonic in the angle, with 1 for a quarter
+/// turn. It measures the perimeter of a square instead of a circle, which needs only one division.
 pub(super) fn diamond_angle(v: DVec2) -> f64 {
     let sum = v.x.abs() + v.y.abs();
     if sum == 0.0 {
@@ -144,8 +144,8 @@ impl AngleHistogram {
         angles.sort_unstable_by(f64::total_cmp);
     }
 
-    /// Returns the bin in the middle of the longest run of empty bins, or the bin of least weight if
-    /// none is empty.
+    /// Returns the bin in the middle of the longest run of empty bins, or the bin of least weight
+    /// if none is empty.
     fn middle_of_longest_gap(&self) -> usize {
         let bins = self.bins.len();
         let mut longest = 0;
@@ -173,8 +173,8 @@ pub(super) struct Boundary {
     angle: f64,
     /// Unit vector away from the baseline.
     direction: DVec2,
-    /// Largest change of the coordinates across and along the boundary over one frame pixel in x and
-    /// in y, at eye depth 1.
+    /// Largest change of the coordinates across and along the boundary over one frame pixel in x
+    /// and in y, at eye depth 1.
     per_px: DVec2,
     /// Upper bound of the radii of footprints that touch the boundary in the frame, px.
     pub(super) radius_px: f64,

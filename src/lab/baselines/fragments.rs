@@ -99,8 +99,8 @@ impl FragmentRenderer {
         }
     }
 
-    /// Renders a frame in `count` fragments, at most [`MAX_FRAGMENTS`], 0 for one per thread, on the
-    /// current rayon thread pool. Cubes with plane textures are rendered in bands.
+    /// Renders a frame in `count` fragments, at most [`MAX_FRAGMENTS`], 0 for one per thread, on
+    /// the current rayon thread pool. Cubes with plane textures are rendered in bands.
     pub fn render(
         &mut self,
         cube: &CubeLdi,

@@ -9,6 +9,24 @@ pub struct Axis {
     pub is_logarithmic: bool,
 }
 
+impl Axis {
+    /// Creates a linear axis.
+    pub fn linear(name: impl Into<String>) -> Self {
+        Self {
+            name: name.into(),
+            is_logarithmic: false,
+        }
+    }
+
+    /// Creates a logarithmic axis.
+    pub fn logarithmic(name: impl Into<String>) -> Self {
+        Self {
+            name: name.into(),
+            is_logarithmic: true,
+        }
+    }
+}
+
 /// Number of labelled ticks that fit on an axis.
 const MAX_TICKS: f64 = 12.0;
 

@@ -23,6 +23,17 @@ pub struct ChartPoint {
     pub spread: Option<[f64; 2]>,
 }
 
+impl ChartPoint {
+    /// Creates a point without label and interval.
+    pub fn new(at: [f64; 2]) -> Self {
+        Self {
+            at,
+            name: String::new(),
+            spread: None,
+        }
+    }
+}
+
 /// Points of one colour.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Series {
@@ -36,6 +47,19 @@ pub struct Series {
     pub hollow: bool,
     /// Index into [`PALETTE`], modulo its length.
     pub color: usize,
+}
+
+impl Series {
+    /// Creates a line with filled dots.
+    pub fn line(name: impl Into<String>, points: Vec<ChartPoint>, color: usize) -> Self {
+        Self {
+            name: name.into(),
+            points,
+            joined: true,
+            hollow: false,
+            color,
+        }
+    }
 }
 
 /// A chart.
@@ -55,8 +79,8 @@ pub struct Chart {
     pub front: Vec<[f64; 2]>,
 }
 
-/// Palette for any colour vision, after Okabe and Ito (2008): any two colours are at least 17 CIELAB
-/// units apart, also for dichromats.
+/// Palette for any colour vision, after Okabe and Ito (2008): any two colours are at least 17
+/// CIELAB units apart, also for dichromats.
 pub const PALETTE: [Color; 7] = [
     [0, 96, 170],
     [200, 75, 0],
@@ -296,9 +320,8 @@ mod tests {
     #[test]
     fn point_without_position_is_left_out() {
         let point = |x: f64, name: &str| ChartPoint {
-            at: [x, 0.1],
             name: name.into(),
-            spread: None,
+            ..ChartPoint::new([x, 0.1])
         };
         let points = vec![
             point(1.0, "left"),
@@ -308,21 +331,9 @@ mod tests {
         let chart = Chart {
             title: "title".into(),
             note: "note".into(),
-            x: Axis {
-                name: "time, ms".into(),
-                is_logarithmic: true,
-            },
-            y: Axis {
-                name: "error".into(),
-                is_logarithmic: false,
-            },
-            series: vec![Series {
-                name: "all".into(),
-                points,
-                joined: true,
-                hollow: false,
-                color: 0,
-            }],
+            x: Axis::logarithmic("time, ms"),
+            y: Axis::linear("error"),
+            series: vec![Series::line("all", points, 0)],
             front: vec![[1.0, 0.1], [100.0, 0.05]],
         };
         let svg = chart.to_svg();

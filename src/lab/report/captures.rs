@@ -238,8 +238,9 @@ fn keep_nearest(ldi: &mut CubeSamples) {
     }
 }
 
-/// Merges samples of one pixel with a relative parallax of at most `parallax_px` within the headbox,
-/// as wider depth bins would: the mean of inverse depth, colour and alpha, the normal of the nearest.
+/// Merges samples of one pixel with a relative parallax of at most `parallax_px` within the
+/// headbox, as wider depth bins would: the mean of inverse depth, colour and alpha, the normal of
+/// the nearest.
 fn coarsen(ldi: &mut CubeSamples, parallax_px: f64) {
     let half_size_m = ldi.info.half_size_m;
     for face in &mut ldi.faces {

@@ -363,16 +363,6 @@ impl<'a> ContenderList<'a> {
         }
     }
 
-    /// Returns the cameras of the eyes in `set` and of the path.
-    fn cameras(&self, set: EyeSet) -> Vec<Camera> {
-        self.plan
-            .eyes
-            .iter()
-            .filter(|eye| eye.belongs_to(set) || eye.place == Place::Path)
-            .map(|e| e.camera)
-            .collect()
-    }
-
     /// Adds alternatives that draw the scene itself, or a cube map.
     fn add_without_representation(&mut self, cube: &Arc<CubeLdi>, progress: &dyn Progress) {
         let quality = self.plan.quality;
@@ -397,7 +387,11 @@ impl<'a> ContenderList<'a> {
                 Box::new(PathTraced::new(tracer, lighting.clone(), lit, samples)),
             ));
         }
-        let cameras = self.cameras(EyeSet::All);
+        let eyes = self.plan.eyes.iter();
+        let cameras: Vec<Camera> = eyes
+            .filter(|eye| eye.belongs_to(EyeSet::All) || eye.place == Place::Path)
+            .map(|eye| eye.camera)
+            .collect();
         let (face_px, samples) = (cube.face_size_px, quality.baked_samples);
         let start = Instant::now();
         let map = CubeMap::trace_for(
@@ -500,14 +494,15 @@ impl<'a> ContenderList<'a> {
             draw: Box::new(SpriteDraw::new(Arc::clone(layers), options)),
         };
         let options = RenderOptions::default();
-        let mut found = Vec::new();
+        let mut contenders = Vec::new();
         if self.wall.is_some() {
             let role = Role::other(WALL, format!("sprites, {}", SpriteVariant::TwoPass.name()));
-            found.push(Contender {
+            contenders.push(Contender {
                 eyes: EyeSet::Wall,
                 ..contender(vec![role], &default, options)
             });
         }
+        let mut add = |roles, options| contenders.push(contender(roles, &default, options));
         for variant in [
             SpriteVariant::TwoPass,
             SpriteVariant::OnePass,
@@ -521,11 +516,7 @@ impl<'a> ContenderList<'a> {
                 roles.push(Role::baseline("sprite gap filling", "3 steps"));
                 roles.push(Role::baseline("sprite sampling", "bilinear"));
             }
-            found.push(contender(
-                roles,
-                &default,
-                RenderOptions { variant, ..options },
-            ));
+            add(roles, RenderOptions { variant, ..options });
         }
         for variant in [
             SpriteVariant::Homography,
@@ -540,29 +531,19 @@ impl<'a> ContenderList<'a> {
             if variant == SpriteVariant::TwoPass {
                 roles.push(Role::other("sprite sampling", "nearest"));
             }
-            found.push(contender(
-                roles,
-                &default,
-                RenderOptions {
-                    variant,
-                    sampling: SpriteSampling::Nearest,
-                    ..options
-                },
-            ));
+            let options = RenderOptions {
+                variant,
+                sampling: SpriteSampling::Nearest,
+                ..options
+            };
+            add(roles, options);
         }
-        for steps in [0, 1, 8] {
-            let role = Role::other(
-                "sprite gap filling",
-                format!("{steps} step{}", if steps == 1 { "" } else { "s" }),
-            );
-            found.push(contender(
-                vec![role],
-                &default,
-                RenderOptions {
-                    fill_steps: steps,
-                    ..options
-                },
-            ));
+        for (fill_steps, name) in [(0, "0 steps"), (1, "1 step"), (8, "8 steps")] {
+            let options = RenderOptions {
+                fill_steps,
+                ..options
+            };
+            add(vec![Role::other("sprite gap filling", name)], options);
         }
         if given.is_none() {
             for (format, name) in [
@@ -571,11 +552,11 @@ impl<'a> ContenderList<'a> {
             ] {
                 let role = Role::other("sprite displacement", name);
                 let layers = layers(converted(&sprites, format)?);
-                found.push(contender(vec![role], &layers, options));
+                contenders.push(contender(vec![role], &layers, options));
             }
         }
         self.add_ldi(vec![Role::baseline("sprites", "LDI")], cube, None);
-        self.contenders.extend(found);
+        self.contenders.extend(contenders);
         Ok(())
     }
 

@@ -126,10 +126,7 @@ fn cost_chart(report: &Report, scene: &str, cost: Cost) -> Option<Chart> {
     (!rows.is_empty()).then(|| Chart {
         title: format!("{}: {title}", short(scene)),
         note: note.into(),
-        x: Axis {
-            name,
-            is_logarithmic: true,
-        },
+        x: Axis::logarithmic(name),
         y: flip_axis(),
         series,
         front: front.iter().map(|&i| at[i]).collect(),
@@ -137,10 +134,7 @@ fn cost_chart(report: &Report, scene: &str, cost: Cost) -> Option<Chart> {
 }
 
 fn flip_axis() -> Axis {
-    Axis {
-        name: "FLIP error (0 = equal)".into(),
-        is_logarithmic: false,
-    }
+    Axis::linear("FLIP error (0 = equal)")
 }
 
 /// Lines of a displacement chart: group, variant, label.
@@ -160,31 +154,19 @@ const LINES: [(&str, &str, &str); 6] = [
 fn displacement_chart(report: &Report, scene: &str) -> Option<Chart> {
     let lines = LINES.iter().filter_map(|(group, variant, name)| {
         let row = report.find(scene, group, variant)?;
-        let points = row.displacement.iter().map(|d| ChartPoint {
-            at: [d.share, d.flip],
-            name: String::new(),
-            spread: None,
-        });
+        let points = row.displacement.iter();
+        let points = points.map(|d| ChartPoint::new([d.share, d.flip]));
         let color = match *group {
             "sprites" => 3 + usize::from(*variant == "homography"),
             _ => family(row),
         };
-        Some(Series {
-            name: (*name).into(),
-            points: points.collect(),
-            joined: true,
-            hollow: false,
-            color,
-        })
+        Some(Series::line(*name, points.collect(), color))
     });
     let series: Vec<Series> = lines.collect();
     (!series.is_empty()).then(|| Chart {
         title: format!("{}: error against eye displacement", short(scene)),
         note: "The eye moves from the centre of the headbox to a corner and looks ahead.".into(),
-        x: Axis {
-            name: "displacement (0 = centre, 1 = corner)".into(),
-            is_logarithmic: false,
-        },
+        x: Axis::linear("displacement (0 = centre, 1 = corner)"),
         y: flip_axis(),
         series,
         front: Vec::new(),
@@ -198,18 +180,12 @@ fn rays_chart(report: &Report, scene: &str) -> Option<Chart> {
         .collect();
     rows.sort_by_key(|row| row.rays);
     let point = |row: &Row, name: String| ChartPoint {
-        at: [row.capture_s.unwrap_or(f64::NAN), row.flip],
         name,
-        spread: None,
+        ..ChartPoint::new([row.capture_s.unwrap_or(f64::NAN), row.flip])
     };
     let label = |row: &Row| format!("{} ({} rays)", row.variant, count(row.rays.unwrap_or(0)));
-    let mut series = vec![Series {
-        name: String::new(),
-        points: rows.iter().map(|row| point(row, label(row))).collect(),
-        joined: true,
-        hollow: false,
-        color: 0,
-    }];
+    let points = rows.iter().map(|row| point(row, label(row)));
+    let mut series = vec![Series::line("", points.collect(), 0)];
     let others = [
         ("sampler", "white noise", 1),
         ("sampler", "centre rays", 2),
@@ -240,7 +216,7 @@ fn rays_chart(report: &Report, scene: &str) -> Option<Chart> {
         note:
             "Stratified captures of more and more rays (strata x rays in each), and others with the default's strata."
                 .into(),
-        x: Axis { name: "seconds to capture".into(), is_logarithmic: true },
+        x: Axis::logarithmic("seconds to capture"),
         y: flip_axis(),
         series,
         front: Vec::new(),

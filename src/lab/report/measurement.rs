@@ -131,40 +131,36 @@ pub fn rows(
         }
     }
     for group in groups {
-        let in_group = || {
-            contenders
-                .iter()
-                .enumerate()
-                .filter(|(_, c)| c.roles.iter().any(|r| r.group == group))
+        let roles = |index: usize| {
+            let roles = &contenders[index].roles;
+            roles.iter().filter(|role| role.group == group)
         };
-        let is_baseline = |c: &Contender| {
-            c.roles
-                .iter()
-                .any(|role| role.group == group && role.baseline)
-        };
-        let baseline = in_group()
-            .find(|(_, c)| is_baseline(c))
-            .or_else(|| in_group().next());
-        let Some((baseline, _)) = baseline else {
-            continue;
-        };
+        let members: Vec<usize> = (0..contenders.len())
+            .filter(|&index| roles(index).count() > 0)
+            .collect();
+        // The first member if the group has no baseline.
+        let baseline = members
+            .iter()
+            .find(|&&index| roles(index).any(|role| role.baseline))
+            .unwrap_or(&members[0]);
         // One set of eyes for the whole group, so that its rows can be compared.
-        let set = in_group()
-            .map(|(_, c)| c.eyes)
+        let set = members
+            .iter()
+            .map(|&index| contenders[index].eyes)
             .reduce(|a, b| if a.contains(b) { b } else { a })
             .unwrap_or_default();
-        for (index, contender) in in_group() {
-            for role in contender.roles.iter().filter(|role| role.group == group) {
+        for index in &members {
+            for role in roles(*index) {
                 let errors = RowErrors {
                     eyes,
                     set,
                     truths,
-                    comparisons: &comparisons[index],
-                    measurement: &measured[index],
+                    comparisons: &comparisons[*index],
+                    measurement: &measured[*index],
                 };
                 rows.push(Row {
                     baseline: index == baseline,
-                    ..errors.row(scene, role, contender, &measured[baseline])?
+                    ..errors.row(scene, role, &contenders[*index], &measured[*baseline])?
                 });
             }
         }

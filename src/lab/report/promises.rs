@@ -142,16 +142,16 @@ pub fn table(report: &Report) -> Table {
             .scenes
             .iter()
             .map(|facts| (promise.value)(report, facts).map_or("-".into(), figure));
-        let kept = match promise.figures(report).as_slice() {
+        let verdict = match promise.figures(report).as_slice() {
             [] => "not measured",
-            found if promise.condition.holds(found) => "kept",
+            figures if promise.condition.holds(figures) => "kept",
             _ => "**not kept**",
         };
         let ends = [format!("*{}*", promise.says), promise.quantity.into()];
         table.row(
             ends.into_iter()
                 .chain(figures)
-                .chain([promise.condition.describe(), kept.into()]),
+                .chain([promise.condition.describe(), verdict.into()]),
         );
     }
     table

@@ -16,8 +16,8 @@ pub const MARGIN_DB: f64 = 10.0;
 const TRUTH_ROUNDS: u32 = 5;
 
 /// Traces truth for every eye, with increasing numbers of rays per pixel, until its standard error
-/// over the eyes of a row is [`MARGIN_DB`] below the row's error, for all rows that do not trace, or
-/// the limit of the plan is reached. Returns frames and rays per pixel.
+/// over the eyes of a row is [`MARGIN_DB`] below the row's error, for all rows that do not trace,
+/// or the limit of the plan is reached. Returns frames and rays per pixel.
 pub(super) fn trace_truths(
     truths: &Truths,
     contenders: &[Contender],

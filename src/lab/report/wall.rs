@@ -62,8 +62,8 @@ impl Wall {
         })
     }
 
-    /// Places four eyes: between the cameras, a step in front of them, behind them, and near an edge
-    /// with an oblique view; all within the field of view of the images.
+    /// Places four eyes: between the cameras, a step in front of them, behind them, and near an
+    /// edge with an oblique view; all within the field of view of the images.
     ///
     /// # Errors
     /// [`CameraError`] if the frames are empty.

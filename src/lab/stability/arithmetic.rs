@@ -191,7 +191,8 @@ pub(super) fn cases() -> Vec<Case> {
                             })
                             .collect();
                         let sprite = import_at_middle(camera, &depth, kind, (0.5, 20.0))?;
-                        // Unknown depths are filled from their neighbours: all depths are those of 0.5.
+                        // Unknown depths are filled from their neighbours: all depths are those of
+                        // 0.5.
                         let known = sprite.eye_depth(0, 0)?;
                         let is_wrong = |i: &u32| {
                             sprite

@@ -282,8 +282,8 @@ fn fragments_against_bands(seed: u64) -> Option<f64> {
 fn oblique_opening(seed: u64) -> Option<[f64; 2]> {
     const FACE_PX: u32 = 64;
     let mut rng = case_rng(seed, 10);
-    // The opening is in the plane z = 0; behind it is a room 4 m wide and 3 m deep, on the far halves
-    // of five faces.
+    // The opening is in the plane z = 0; behind it is a room 4 m wide and 3 m deep, on the far
+    // halves of five faces.
     let ldi = build_ldi(FACE_PX, &Face::ALL, |face, x, y| {
         let ray = face.direction(x, y, FACE_PX);
         if ray.z >= 0.0 {
@@ -381,8 +381,8 @@ fn decode_slab(color: [u8; 4]) -> Option<(DVec3, f64)> {
     Some((face.normal(), 65_535.0 / 4.0 / f64::from(code.max(1))))
 }
 
-/// Returns the share of pixels, among those that contain a sample's centre, that show a slab farther
-/// away than the sample, percent.
+/// Returns the share of pixels, among those that contain a sample's centre, that show a slab
+/// farther away than the sample, percent.
 fn order_without_depth_buffer(seed: u64, eyes: impl Fn(&mut Rng) -> Vec<DVec3>) -> Option<f64> {
     /// Ratio of depths above which a slab is farther. A sample is a tenth of its depth wide and may
     /// be oblique, so that a smaller ratio may be that of its neighbour.

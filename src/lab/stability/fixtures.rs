@@ -128,8 +128,8 @@ pub(super) fn look_along(
     Camera::look_at(eye, eye + forward, DVec3::Y, fov_deg, size_px)
 }
 
-/// Builds a cube LDI about the origin with a headbox of half-size 0.5. `samples` returns the samples
-/// of a pixel of the given faces, farthest first, from its position on the face, px.
+/// Builds a cube LDI about the origin with a headbox of half-size 0.5. `samples` returns the
+/// samples of a pixel of the given faces, farthest first, from its position on the face, px.
 pub(super) fn build_ldi(
     face_px: u32,
     faces: &[Face],

@@ -181,8 +181,8 @@ mod tests {
     #[test]
     fn verdicts_are_read_from_a_page() {
         let page = "# Numerical stability\n\n| case | measured | bound |\n| --- | --- | --- |\n| a | 1 px | 2 |\n| b | 3 px **exceeded** | 2 |\n";
-        let found = verdicts(page).expect("a page");
-        assert_eq!(found, [("a".into(), true), ("b".into(), false)]);
+        let before = verdicts(page).expect("a page");
+        assert_eq!(before, [("a".into(), true), ("b".into(), false)]);
         assert_eq!(verdicts("nothing"), None);
         let now = [("b".to_owned(), true), ("c".to_owned(), true)];
         let expected = [
@@ -190,7 +190,7 @@ mod tests {
             "b: exceeded before, held now",
             "c: absent before, held now",
         ];
-        assert_eq!(differences(&found, &now), expected);
-        assert!(differences(&found, &found).is_empty());
+        assert_eq!(differences(&before, &now), expected);
+        assert!(differences(&before, &before).is_empty());
     }
 }

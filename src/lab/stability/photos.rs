@@ -145,8 +145,8 @@ fn pose(eye: DVec3, forward: DVec3) -> Option<Pose> {
     })
 }
 
-/// Counts the pairs of neighbours in `order` whose keys descend by more than `rounding`, or that have
-/// equal poses and are not in the set's order.
+/// Counts the pairs of neighbours in `order` whose keys descend by more than `rounding`, or that
+/// have equal poses and are not in the set's order.
 fn pairs_out_of_order(order: &[usize], keys: &[f64], poses: &[Pose], rounding: f64) -> f64 {
     let is_wrong = |pair: &&[usize]| {
         let (a, b) = (pair[0], pair[1]);
@@ -288,7 +288,8 @@ fn no_valid_camera(seed: u64) -> Option<f64> {
     }))
 }
 
-/// Counts the defects of the mesh of displaced nodes, see the case "mesh of nodes on common circles".
+/// Counts the defects of the mesh of displaced nodes, see the case "mesh of nodes on common
+/// circles".
 fn mesh_defects(offset: impl FnMut([usize; 2], i32) -> [i32; 2]) -> Option<f64> {
     let NodeMesh {
         size: [columns, rows],

@@ -20,12 +20,9 @@ impl WalkReport {
             Some((row.name.as_str(), row.along_path_ms.as_slice()))
         });
         let lines = variants.chain([rays]).enumerate();
-        let series = lines.map(|(color, (name, ms))| Series {
-            name: name.into(),
-            points: (0..ms.len()).map(|pose| smoothed_point(ms, pose)).collect(),
-            joined: true,
-            hollow: false,
-            color,
+        let series = lines.map(|(color, (name, ms))| {
+            let points = (0..ms.len()).map(|pose| smoothed_point(ms, pose));
+            Series::line(name, points.collect(), color)
         });
         let [width, height] = self.size;
         Chart {
@@ -34,14 +31,8 @@ impl WalkReport {
                 "Running median of {SMOOTHED} poses; {width}x{height}, {} threads",
                 self.threads
             ),
-            x: Axis {
-                name: "pose".into(),
-                is_logarithmic: false,
-            },
-            y: Axis {
-                name: "time per frame, ms".into(),
-                is_logarithmic: true,
-            },
+            x: Axis::linear("pose"),
+            y: Axis::logarithmic("time per frame, ms"),
             series: series.collect(),
             front: Vec::new(),
         }
@@ -52,9 +43,5 @@ impl WalkReport {
 fn smoothed_point(ms: &[f64], pose: usize) -> ChartPoint {
     let around = &ms[pose.saturating_sub(SMOOTHED / 2)..ms.len().min(pose + SMOOTHED / 2 + 1)];
     let median = median(around.iter().copied()).unwrap_or(f64::NAN);
-    ChartPoint {
-        at: [pose as f64, median],
-        name: String::new(),
-        spread: None,
-    }
+    ChartPoint::new([pose as f64, median])
 }

@@ -151,28 +151,23 @@ fn row(
 
 /// Returns the same view in a frame [`SMALLER`] times smaller.
 fn smaller(camera: &Camera) -> Result<Camera, CameraError> {
-    let [width, height] = [camera.width(), camera.height()].map(|pixels| (pixels / SMALLER).max(1));
-    let focal_px = camera.focal_px() / f64::from(SMALLER);
-    Camera::from_parts(
-        camera.eye(),
-        camera.world_from_eye(),
-        focal_px,
-        width,
-        height,
-    )
+    let size = [camera.width(), camera.height()].map(|pixels| (pixels / SMALLER).max(1));
+    resized(camera, camera.focal_px() / f64::from(SMALLER), size)
 }
 
 /// Returns the same view in a frame [`SMALLER`] times larger.
 fn larger(camera: &Camera) -> Result<Camera, CameraError> {
-    let [width, height] = [camera.width(), camera.height()].map(|pixels| pixels * SMALLER);
-    let focal_px = camera.focal_px() * f64::from(SMALLER);
-    Camera::from_parts(
-        camera.eye(),
-        camera.world_from_eye(),
-        focal_px,
-        width,
-        height,
-    )
+    let size = [camera.width(), camera.height()].map(|pixels| pixels * SMALLER);
+    resized(camera, camera.focal_px() * f64::from(SMALLER), size)
+}
+
+fn resized(
+    camera: &Camera,
+    focal_px: f64,
+    [width, height]: [u32; 2],
+) -> Result<Camera, CameraError> {
+    let (eye, axes) = (camera.eye(), camera.world_from_eye());
+    Camera::from_parts(eye, axes, focal_px, width, height)
 }
 
 /// Reduces a frame by [`SMALLER`] with a box filter.
@@ -248,73 +243,52 @@ fn wrong_pixels(frame: &Frame, truth: &Frame, counts: impl Fn(usize) -> bool) ->
 mod tests {
     use super::*;
 
+    /// Creates a dark frame without holes, with a red column.
+    fn dark_frame(width: u32, height: u32, red_column: Option<usize>) -> Frame {
+        let mut frame = Frame::default();
+        frame.reset(width, height, [20, 20, 20]);
+        frame.coverage.fill(Coverage::FULL);
+        if let Some(column) = red_column {
+            let pixels = frame.color.iter_mut().skip(column);
+            pixels
+                .step_by(width as usize)
+                .for_each(|color| *color = [200, 20, 20, 255]);
+        }
+        frame
+    }
+
     #[test]
     fn neighbour_mixtures_are_no_exposure_errors() {
-        let mut truth = Frame::default();
-        truth.reset(8, 3, [20, 20, 20]);
-        truth
-            .color
-            .iter_mut()
-            .skip(4)
-            .step_by(8)
-            .for_each(|color| *color = [200, 20, 20, 255]);
+        let truth = dark_frame(8, 3, Some(4));
         let mut frame = truth.clone();
-        frame.coverage.fill(Coverage::FULL);
-        assert_eq!(wrong_pixels(&frame, &truth, |_| true), 0);
+        let wrong = |frame: &Frame| wrong_pixels(frame, &truth, |_| true);
+        assert_eq!(wrong(&frame), 0);
         frame.color[8 + 3] = [110, 30, 20, 255];
-        assert_eq!(
-            wrong_pixels(&frame, &truth, |_| true),
-            0,
-            "between its neighbours"
-        );
+        assert_eq!(wrong(&frame), 0, "between its neighbours");
         frame.color[8 + 1] = [110, 30, 20, 255];
         frame.color[8 + 4] = [200, 80, 20, 255];
         frame.coverage[0] = Coverage::HOLE;
-        assert_eq!(wrong_pixels(&frame, &truth, |_| true), 3);
+        assert_eq!(wrong(&frame), 3);
         assert_eq!(wrong_pixels(&frame, &truth, |pixel| pixel > 0), 2);
     }
 
     #[test]
     fn thin_surface_counts_as_present() {
-        let mut truth = Frame::default();
-        truth.reset(8 * SMALLER, 4 * SMALLER, [20, 20, 20]);
-        let width = truth.width as usize;
         // A line in column 4, between the samples of a truth of one sample per pixel.
-        truth
-            .color
-            .iter_mut()
-            .skip(4 * SMALLER as usize)
-            .step_by(width)
-            .for_each(|color| *color = [200, 20, 20, 255]);
-        let mut points = Frame::default();
-        points.reset(8, 4, [20, 20, 20]);
+        let truth = dark_frame(8 * SMALLER, 4 * SMALLER, Some(4 * SMALLER as usize));
+        let points = dark_frame(8, 4, None);
+        let wrong =
+            |frame: &Frame| [&truth, &points].map(|truth| wrong_pixels(frame, truth, |_| true));
         let mut frame = points.clone();
-        frame.coverage.fill(Coverage::FULL);
         frame.color[8 + 4] = [200, 20, 20, 255];
-        assert_eq!(
-            [
-                wrong_pixels(&frame, &truth, |_| true),
-                wrong_pixels(&frame, &points, |_| true)
-            ],
-            [0, 1]
-        );
+        assert_eq!(wrong(&frame), [0, 1]);
         frame.color[8 + 6] = [200, 20, 20, 255];
-        assert_eq!(
-            wrong_pixels(&frame, &truth, |_| true),
-            1,
-            "two pixels from its place"
-        );
+        assert_eq!(wrong(&frame)[0], 1, "two pixels from its place");
         let perfect = averaged(&truth);
         assert_eq!(
             perfect.color[8 + 4],
             [20 + 180 / SMALLER as u8, 20, 20, 255]
         );
-        assert_eq!(
-            [
-                wrong_pixels(&perfect, &truth, |_| true),
-                wrong_pixels(&perfect, &points, |_| true)
-            ],
-            [0, 4]
-        );
+        assert_eq!(wrong(&perfect), [0, 4]);
     }
 }

@@ -253,7 +253,7 @@ pub fn measure(
         rows: rows(&runs, store, &rays_ms),
         primary_rays_along_path_ms: rays_ms,
         layers: layers::layers(store),
-        parallel: threads::gains(house, store, &sparse, &settings.variants)?,
+        parallel: threads::speedups(house, store, &sparse, &settings.variants)?,
         exposure: exposure::errors(house, &sparse, settings, progress)?,
     })
 }
@@ -359,9 +359,9 @@ fn measure_errors(
             behind = (0..frame.color.len()).map(is_behind).collect();
         }
         let mut sums = [0.0; 2];
-        for ((found, expected), &behind) in frame.color.iter().zip(truth.pixels()).zip(&behind) {
+        for ((color, truth), &behind) in frame.color.iter().zip(truth.pixels()).zip(&behind) {
             let squares = (0..3)
-                .map(|c| (f64::from(found[c]) - f64::from(expected.0[c])).powi(2))
+                .map(|c| (f64::from(color[c]) - f64::from(truth.0[c])).powi(2))
                 .sum::<f64>();
             sums[usize::from(behind)] += squares / 3.0;
         }

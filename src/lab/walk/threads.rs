@@ -58,7 +58,7 @@ pub struct ThreadRow {
 
 /// Measures the speed-ups for one kind of LDI among the variants, preferably
 /// [`BackdropKind::WindowLdi`]; empty without an LDI.
-pub(super) fn gains(
+pub(super) fn speedups(
     house: &House,
     store: &Store,
     cameras: &[Camera],

@@ -83,7 +83,8 @@ impl BakedLight {
         &self.tracer
     }
 
-    /// Returns the ray through a pixel's centre in the tracer's frame; its direction has eye depth 1.
+    /// Returns the ray through a pixel's centre in the tracer's frame; its direction has eye depth
+    /// 1.
     pub(super) fn pixel_ray(&self, camera: &Camera, x: u32, y: u32) -> Ray {
         let origin = (camera.eye() - self.tracer.origin()).as_vec3();
         let direction = camera

@@ -38,8 +38,8 @@ trait RowWarp {
     fn start(&mut self, column: u32, row: u32);
     /// Advances to the next column, `column`.
     fn advance(&mut self, column: u32);
-    /// Returns the homogeneous frame position (x w, y w, w) of the sample with inverse depth `code`:
-    /// x and y from the top left corner, px; w = Z2 / Z1.
+    /// Returns the homogeneous frame position (x w, y w, w) of the sample with inverse depth
+    /// `code`: x and y from the top left corner, px; w = Z2 / Z1.
     fn homogeneous(&self, code: u32) -> Vec3;
 }
 
@@ -272,8 +272,8 @@ mod tests {
             WarpArithmetic::RunningSum,
             WarpArithmetic::Anchored,
         ] {
-            let found = WarpOnly::new(Arc::clone(&cube), arithmetic).picture(&camera);
-            let pixels = cloud.color.pixels().zip(found.color.pixels());
+            let frame = WarpOnly::new(Arc::clone(&cube), arithmetic).picture(&camera);
+            let pixels = cloud.color.pixels().zip(frame.color.pixels());
             let differ = pixels.filter(|(a, b)| a != b).count();
             // Points within rounding of a pixel's border fall to either side: 1e-4 px of 4,800
             // pixels' borders.
