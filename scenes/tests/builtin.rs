@@ -61,7 +61,7 @@ fn fingerprint(scene: &Scene) -> u64 {
 }
 
 #[test]
-fn the_overlap_test_is_right() {
+fn overlap_test_finds_all_contacts() {
     let triangle = |z: f64| {
         [
             DVec3::new(-9.0, -9.0, z),
@@ -84,7 +84,7 @@ fn the_overlap_test_is_right() {
 }
 
 #[test]
-fn every_scene_is_valid_and_its_headbox_free() {
+fn scenes_are_valid_with_free_headbox() {
     for builtin in headbox_scenes::all() {
         let scene = builtin.build(1);
         assert_eq!(scene.validate(), Ok(()), "{}", builtin.name);
@@ -112,7 +112,7 @@ fn every_scene_is_valid_and_its_headbox_free() {
 }
 
 #[test]
-fn the_same_seed_gives_the_same_scene() {
+fn scenes_depend_on_seed_only() {
     for builtin in headbox_scenes::all() {
         let [once, again, other] = [7, 7, 8].map(|seed| fingerprint(&builtin.build(seed)));
         assert_eq!(once, again, "{}", builtin.name);
@@ -127,7 +127,7 @@ fn the_same_seed_gives_the_same_scene() {
 }
 
 #[test]
-fn the_tree_has_the_leaves_that_it_promises() {
+fn tree_has_documented_leaves() {
     let tree = headbox_scenes::build("tree", 3).expect("built in");
     let leaf = tree
         .materials
@@ -143,7 +143,7 @@ fn the_tree_has_the_leaves_that_it_promises() {
 }
 
 #[test]
-fn the_hard_cases_are_hard() {
+fn hard_cases_have_documented_sizes() {
     let scene = |name| headbox_scenes::build(name, 1).expect("built in");
     let contact = scene("contact");
     assert_eq!(intruders(&contact, 0.000_99), 0);

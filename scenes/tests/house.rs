@@ -10,7 +10,7 @@ use std::sync::Arc;
 const BUDGET: usize = 30_000;
 
 #[test]
-fn it_has_the_cells_and_portals_of_the_paper() {
+fn house_has_cells_and_portals_of_paper() {
     for seed in 0..3 {
         let model = house(seed, BUDGET);
         assert_eq!(
@@ -41,7 +41,7 @@ fn triangle_runs_cover_scene_once() {
 }
 
 #[test]
-fn the_budget_is_kept_down_to_the_bare_walls() {
+fn triangle_budget_is_upper_bound() {
     let bare = house(1, 0).scene.triangles.len();
     assert!((2_000..8_000).contains(&bare), "{bare}");
     let mut previous = bare;

@@ -151,7 +151,7 @@ mod tests {
     /// A substitute program that counts its input tests the protocol without Embree.
     #[cfg(unix)]
     #[test]
-    fn frames_are_asked_for_and_answers_understood() {
+    fn frames_are_traced_by_substitute_program() {
         use std::os::unix::fs::PermissionsExt;
         let folder = tempfile::tempdir().expect("a folder");
         let program = folder.path().join("stand-in");
@@ -178,7 +178,7 @@ mod tests {
     }
 
     #[test]
-    fn embree_meets_what_the_tracer_meets() {
+    fn embree_and_tracer_hit_same_pixels() {
         let Some(program) = std::env::var_os(PROGRAM) else {
             println!("skipped: {PROGRAM} is not set");
             return;

@@ -314,7 +314,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn eyes_are_seeded_and_lie_in_the_headbox() {
+    fn eyes_are_seeded_and_in_headbox() {
         let centre = dvec3(1e5, 2.0, -3.0);
         let plan = |seed| Plan::new(Quality::FULL, centre, 0.25, DVec3::X, seed).expect("valid");
         assert_eq!(plan(3), plan(3));

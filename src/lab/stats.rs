@@ -108,7 +108,7 @@ mod tests {
     }
 
     #[test]
-    fn the_front_is_what_nothing_beats() {
+    fn pareto_front_has_no_dominated_points() {
         let points = [
             [1.0, 0.5],
             [2.0, 0.3],

@@ -332,7 +332,7 @@ mod tests {
     }
 
     #[test]
-    fn samples_grow_as_the_error_asks() {
+    fn samples_grow_with_required_error() {
         assert_eq!(samples_for(30.0, 40.0, 64, 4096), 64, "enough already");
         assert_eq!(
             samples_for(30.0, 24.0, 64, 4096),

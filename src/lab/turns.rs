@@ -42,7 +42,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn contenders_take_turns_and_may_sit_out() {
+    fn contenders_alternate_in_turns() {
         let mut order = Vec::new();
         let results = in_turns(&mut ['a', 'b', 'c'], 3, |index, contender| {
             order.push(*contender);

@@ -68,40 +68,24 @@ fn add_shell(mesh: &mut Mesh, finishes: &Finishes) {
             lintel: 2.35,
         },
     ];
-    // For each wall, `right x up` points into the room.
-    add_wall(
-        mesh,
-        dvec3(x, 0.0, -z),
-        DVec3::Z,
-        2.0 * z,
-        &right_windows.map(|w| w.shifted(z)),
-        finishes,
-    );
-    let front_window = [Window {
+    let right_windows = right_windows.map(|w| w.shifted(z));
+    let front_window = Window {
         from: -0.4,
         to: 1.7,
         sill: 0.45,
         lintel: 2.35,
+    };
+    let front_windows = [front_window.mirrored().shifted(x)];
+    // For each wall, `right x up` points into the room.
+    let walls: [(DVec3, DVec3, f64, &[Window]); 4] = [
+        (dvec3(x, 0.0, -z), DVec3::Z, 2.0 * z, &right_windows),
+        (dvec3(x, 0.0, z), DVec3::NEG_X, 2.0 * x, &front_windows),
+        (dvec3(-x, 0.0, z), DVec3::NEG_Z, 2.0 * z, &[]),
+        (dvec3(-x, 0.0, -z), DVec3::X, 2.0 * x, &[]),
+    ];
+    for (corner, right, length, windows) in walls {
+        add_wall(mesh, corner, right, length, windows, finishes);
     }
-    .mirrored()
-    .shifted(x)];
-    add_wall(
-        mesh,
-        dvec3(x, 0.0, z),
-        DVec3::NEG_X,
-        2.0 * x,
-        &front_window,
-        finishes,
-    );
-    add_wall(
-        mesh,
-        dvec3(-x, 0.0, z),
-        DVec3::NEG_Z,
-        2.0 * z,
-        &[],
-        finishes,
-    );
-    add_wall(mesh, dvec3(-x, 0.0, -z), DVec3::X, 2.0 * x, &[], finishes);
 
     for z0 in [-1.98, -0.52, 0.12, 1.58] {
         furniture::curtain(

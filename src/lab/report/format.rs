@@ -42,7 +42,7 @@ pub(super) fn list(mut items: Vec<String>) -> String {
 #[cfg(test)]
 mod tests {
     #[test]
-    fn little_memory_is_not_none() {
+    fn bytes_have_readable_units() {
         assert_eq!(
             [9_400, 999_499, 999_500, 50_600_000].map(super::bytes),
             ["9 kB", "999 kB", "1.0 MB", "50.6 MB"]

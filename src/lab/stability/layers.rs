@@ -40,7 +40,7 @@ pub(super) fn cases() -> Vec<Case> {
                         1e-9, 1e-6, 1e-3, 2e-3, 0.01, 0.1, 1.0, 0.0, -1e-9, -1e-3, -0.1, -1.0,
                     ][i];
                     let eye = dvec3(rng.between(-0.2, 0.2), rng.between(-0.2, 0.2), gap - 1.0);
-                    foreign_levels(&cube, &look_along(eye, DVec3::NEG_Z, 40.0, [50, 40]).ok()?)
+                    wall_error_levels(&cube, &look_along(eye, DVec3::NEG_Z, 40.0, [50, 40]).ok()?)
                 }))
             },
         },
@@ -61,7 +61,7 @@ pub(super) fn cases() -> Vec<Case> {
                         },
                         seed,
                     ))?;
-                    foreign_levels(
+                    wall_error_levels(
                         &cube,
                         &look_along(rng.in_cube(0.4), DVec3::NEG_Z, 50.0, [50, 40]).ok()?,
                     )
@@ -182,7 +182,7 @@ pub(super) fn cases() -> Vec<Case> {
             unit: "%",
             bound: 4.0,
             reason: "Each pixel gets some thirty hits, half of them red: a few pixels of a hundred have too few of one colour. A rule that is not kept shows in all of them.",
-            measure: |seed| largest(RULES.map(|rule| against_rule(seed, rule))),
+            measure: |seed| largest(RULES.map(|rule| rule_violations(seed, rule))),
         },
         Case {
             name: "one surface with noise in its depth",
@@ -193,7 +193,7 @@ pub(super) fn cases() -> Vec<Case> {
             measure: |seed| {
                 let mut rng = case_rng(seed, 59);
                 let noise = |_| (2.0 + rng.between(-0.038, 0.038), [0.5; 3]);
-                let ldi = capture_rule(seed, stripes(noise), MergeRule::Average)?;
+                let ldi = capture_with_rule(seed, stripes(noise), MergeRule::Average)?;
                 let face = &ldi.faces[Face::NegZ.index()];
                 let occupied = face
                     .offsets
@@ -216,7 +216,7 @@ fn wall(normal: impl Fn(&mut Rng) -> DVec3, seed: u64) -> CubeSamples {
 
 /// Returns the largest difference of a pixel from the wall's colour, times its coverage, over all
 /// kernels, levels. Holes, which are not filled, must be black.
-fn foreign_levels(cube: &CubeLdi, camera: &Camera) -> Option<f64> {
+fn wall_error_levels(cube: &CubeLdi, camera: &Camera) -> Option<f64> {
     largest(SplatKernel::ALL.map(|splats| {
         let frame = draw(
             cube,
@@ -307,7 +307,7 @@ fn planes(seed: u64, planes: &[(f64, [f32; 3])], merge_rule: MergeRule) -> Optio
             corners.map(|(x, y)| dvec3(x * depth, y * depth, -depth + rng.between(-0.02, 0.02)));
         push_square(&mut scene, corners, albedo);
     }
-    capture_rule(seed, scene, merge_rule)
+    capture_with_rule(seed, scene, merge_rule)
 }
 
 /// Builds vertical stripes that fill the -Z face at 2 m, six per pixel. `appearance` returns the
@@ -342,7 +342,7 @@ fn push_square(scene: &mut Scene, corners: [DVec3; 4], albedo: [f32; 3]) {
 
 /// Captures two colours in one depth bin; returns the share of pixels of the -Z face whose samples
 /// violate the merge rule, percent.
-fn against_rule(seed: u64, rule: MergeRule) -> Option<f64> {
+fn rule_violations(seed: u64, rule: MergeRule) -> Option<f64> {
     let red_and_blue = |i: u32| {
         if i.is_multiple_of(2) {
             (2.0, [0.8, 0.1, 0.1])
@@ -350,7 +350,7 @@ fn against_rule(seed: u64, rule: MergeRule) -> Option<f64> {
             (2.000_2, [0.1, 0.1, 0.8])
         }
     };
-    let ldi = capture_rule(seed, stripes(red_and_blue), rule)?;
+    let ldi = capture_with_rule(seed, stripes(red_and_blue), rule)?;
     let face = &ldi.faces[Face::NegZ.index()];
     // 0.8 and 0.1 are 230 and 89 in sRGB; their mean 181.
     let kind = |s: &DepthPixel| match (s.color_srgb[0], s.color_srgb[2]) {
@@ -373,7 +373,7 @@ fn against_rule(seed: u64, rule: MergeRule) -> Option<f64> {
 }
 
 /// Captures a scene about the origin.
-fn capture_rule(seed: u64, scene: Scene, merge_rule: MergeRule) -> Option<CubeSamples> {
+fn capture_with_rule(seed: u64, scene: Scene, merge_rule: MergeRule) -> Option<CubeSamples> {
     let parameters = CaptureParameters {
         seed,
         merge_rule,
@@ -393,6 +393,6 @@ mod tests {
         }))
         .expect("packs");
         let camera = look_along(DVec3::ZERO, DVec3::NEG_Z, 40.0, [20, 20]).expect("valid");
-        assert!(foreign_levels(&cube, &camera).expect("drawn") > 100.0);
+        assert!(wall_error_levels(&cube, &camera).expect("drawn") > 100.0);
     }
 }

@@ -258,7 +258,7 @@ mod tests {
     }
 
     #[test]
-    fn neighbour_mixtures_are_no_exposure_errors() {
+    fn neighbour_mixtures_are_not_exposure_errors() {
         let truth = dark_frame(8, 3, Some(4));
         let mut frame = truth.clone();
         let wrong = |frame: &Frame| wrong_pixels(frame, &truth, |_| true);

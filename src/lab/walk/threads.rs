@@ -325,7 +325,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_largest_part_decides() {
+    fn largest_part_bounds_speedup() {
         let mut balance = Balance::default();
         balance.add(vec![1, 7, 2, 2], 2);
         assert_eq!((balance.all, balance.slowest), (12, 7));

@@ -167,7 +167,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn holes_are_unknown_or_sky_before_geometry() {
+    fn holes_include_environment_over_geometry() {
         let color = RgbImage::new(2, 2);
         let origins = vec![
             PixelOrigin::Surface,

@@ -149,7 +149,7 @@ mod tests {
     const DIFFERING_PIXELS: usize = 18;
 
     #[test]
-    fn the_rasteriser_shows_what_rays_hit() {
+    fn rasteriser_and_rays_hit_same_triangles() {
         for (name, forward) in [
             ("bump", DVec3::NEG_Z),
             ("interior", DVec3::new(1.0, -0.4, 0.3)),
