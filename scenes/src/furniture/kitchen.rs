@@ -1,6 +1,6 @@
 //! Furniture of kitchens, stores and workshops; `place` is the middle of the back on the floor.
 
-use super::Piece;
+use super::{Piece, unit_bounds};
 use crate::finishes::Finishes;
 use crate::mesh::Mesh;
 use glam::{DVec3, dvec3};
@@ -33,10 +33,7 @@ pub(crate) fn counter(
     );
     let units = (width / 0.6).round().max(1.0);
     for unit in 0..units as usize {
-        let (left, right) = (
-            -half + width * unit as f64 / units,
-            -half + width * (unit + 1) as f64 / units,
-        );
+        let [left, right] = unit_bounds(width, unit, units);
         let drawers: &[(f64, f64)] = if unit % 2 == 0 {
             &[(0.12, 0.87)]
         } else {

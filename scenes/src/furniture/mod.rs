@@ -86,6 +86,11 @@ impl<'a> Piece<'a> {
     }
 }
 
+/// Returns left and right end of unit `i` of `count` equal units of a piece of `width`.
+fn unit_bounds(width: f64, i: usize, count: f64) -> [f64; 2] {
+    [i, i + 1].map(|i| -width / 2.0 + width * i as f64 / count)
+}
+
 /// Adds a table of the given size, with materials of its top and its legs.
 pub(crate) fn table(mesh: &mut Mesh, place: DVec3, turn: f64, size: DVec3, [top, legs]: [u32; 2]) {
     let mut piece = Piece::new(mesh, place, turn);

@@ -1,6 +1,6 @@
 //! Furniture of bedrooms and studies; `place` is the middle of the back on the floor.
 
-use super::Piece;
+use super::{Piece, unit_bounds};
 use crate::finishes::Finishes;
 use crate::mesh::Mesh;
 use glam::{DVec3, dvec3};
@@ -69,10 +69,7 @@ pub(crate) fn wardrobe(
     piece.block([-half, 0.08, 0.01], [half, 2.15, 0.57], 0.9, wood);
     let doors = (width / 0.5).round().max(1.0);
     for door in 0..doors as usize {
-        let (left, right) = (
-            -half + width * door as f64 / doors,
-            -half + width * (door + 1) as f64 / doors,
-        );
+        let [left, right] = unit_bounds(width, door, doors);
         piece.block(
             [left + 0.004, 0.09, 0.572],
             [right - 0.004, 2.14, 0.59],
@@ -129,10 +126,7 @@ pub(crate) fn cabinet(
     for (column, row) in
         (0..columns as usize).flat_map(|column| (0..3).map(move |row| (column, row)))
     {
-        let (left, right) = (
-            -half + width * column as f64 / columns,
-            -half + width * (column + 1) as f64 / columns,
-        );
+        let [left, right] = unit_bounds(width, column, columns);
         let low = 0.16 + 0.195 * f64::from(row);
         piece.block(
             [left + 0.005, low, 0.44],
@@ -162,10 +156,8 @@ pub(crate) fn cabinet(
     for (i, material) in finishes.books.into_iter().enumerate().take(4) {
         let y = 0.75 + 0.035 * i as f64;
         let inset = random.between(0.0, 0.03);
-        let (low, high) = (
-            dvec3(books + inset, y, 0.1),
-            dvec3(books + 0.2 - inset, y + 0.033, 0.36),
-        );
+        let low = [books + inset, y, 0.1];
+        let high = [books + 0.2 - inset, y + 0.033, 0.36];
         piece.block(low, high, 1.0, material);
     }
 }

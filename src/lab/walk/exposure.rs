@@ -125,7 +125,7 @@ fn row(
         let pose_wrong = wrong_pixels(&shown.frame, truth, behind);
         by_points += wrong_pixels(&shown.frame, &points, behind);
         perfect_by_points += wrong_pixels(&averaged(truth), &points, behind);
-        // The share of a sliver of a portal says nothing.
+        // A sliver of a portal has too few pixels for a share.
         if stats.backdrop_pixels * 100 > stats.pixels {
             worst = worst.max(share(pose_wrong as f64, stats.backdrop_pixels as f64));
         }
