@@ -196,6 +196,12 @@ impl<'a> HeldOutComparison<'a> {
         }
     }
 
+    /// Returns the photograph and the frames.
+    pub(super) fn pictures<'b>(&'b self, frames: &'b [HeldOutFrame]) -> Vec<&'b RgbImage> {
+        let frames = frames.iter().map(|frame| &frame.picture);
+        std::iter::once(self.photograph).chain(frames).collect()
+    }
+
     /// Compares the frames of all variants, in order.
     pub(super) fn rows(
         &self,

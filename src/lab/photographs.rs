@@ -145,10 +145,7 @@ pub fn measure(
             visible: object,
         };
         rows.extend(comparison.rows(VARIANTS, &frames));
-        let pictures: Vec<&RgbImage> = std::iter::once(&truth)
-            .chain(frames.iter().map(|frame| &frame.picture))
-            .collect();
-        show(&view.name, &pictures);
+        show(&view.name, &comparison.pictures(&frames));
     }
     Ok(PhotographsReport {
         machine: Machine::here(),

@@ -210,10 +210,7 @@ pub fn measure(
             &frames,
         );
         rows.extend(comparison.rows(VARIANTS, &frames));
-        let pictures: Vec<&RgbImage> = std::iter::once(&truth)
-            .chain(frames.iter().map(|frame| &frame.picture))
-            .collect();
-        show(&view.name, &pictures);
+        show(&view.name, &comparison.pictures(&frames));
     }
     let depth = depth_rows(&set.views[job.view], &layers)?;
     let report = SequenceReport {

@@ -31,6 +31,9 @@ use std::time::Instant;
 /// Group of clipping: the whole frame is warped by one thread, as in the papers.
 pub(super) const CLIPPING: &str = "clipping (one band, 1 thread)";
 
+/// Group of the sprite variants with nearest sampling.
+pub(super) const NEAREST_SPRITES: &str = "sprites, nearest sampling";
+
 /// Group of the divisions of a frame among threads.
 const PARALLEL: &str = "threads share a frame by";
 
@@ -523,11 +526,8 @@ impl<'a> ContenderList<'a> {
             SpriteVariant::OnePass,
             SpriteVariant::TwoPass,
         ] {
-            let mut roles = vec![Role::new(
-                "sprites, nearest sampling",
-                variant.name(),
-                variant == SpriteVariant::Homography,
-            )];
+            let is_baseline = variant == SpriteVariant::Homography;
+            let mut roles = vec![Role::new(NEAREST_SPRITES, variant.name(), is_baseline)];
             if variant == SpriteVariant::TwoPass {
                 roles.push(Role::other("sprite sampling", "nearest"));
             }

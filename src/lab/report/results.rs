@@ -1,7 +1,7 @@
 //! `docs/results.md`: the short page of a report. Each scene has a chart, a table and three
 //! sentences; the papers' numbers follow. All other rows are in the report's JSON and CSV files.
 
-use super::contender_list::{CLIPPING, OPAQUE_PACKING};
+use super::contender_list::{CLIPPING, NEAREST_SPRITES, OPAQUE_PACKING};
 use super::figures::{short, slugs};
 use super::format::{bytes, ms, times};
 use super::promises;
@@ -123,29 +123,13 @@ const PAPER_NUMBERS: [PaperNumber; 19] = [
         id: "S-N2",
         what: "sprites, nearest sampling: two-pass over no parallax, time (S: 47 Hz to 20 Hz)",
         theirs: 2.35,
-        ours: |report, facts| {
-            ratio(
-                report,
-                facts,
-                "sprites, nearest sampling",
-                "two-pass",
-                "homography",
-            )
-        },
+        ours: |report, facts| ratio(report, facts, NEAREST_SPRITES, "two-pass", "homography"),
     },
     PaperNumber {
         id: "S-N2",
         what: "sprites, nearest sampling: crude one-pass over no parallax, time (S: 47 Hz to 24 Hz)",
         theirs: 1.96,
-        ours: |report, facts| {
-            ratio(
-                report,
-                facts,
-                "sprites, nearest sampling",
-                "one-pass",
-                "homography",
-            )
-        },
+        ours: |report, facts| ratio(report, facts, NEAREST_SPRITES, "one-pass", "homography"),
     },
     PaperNumber {
         id: "S-N2",
