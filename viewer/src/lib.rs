@@ -1,21 +1,19 @@
 //! The window of headbox: shows anything that turns a camera into a frame.
 //!
-//! The window knows nothing of layered depth images. It shows a [`FrameSource`]: camera in, frame
-//! and statistics out, its own settings as data. The source lives on a render thread that makes the
-//! newest frame for the newest camera; the window shows the latest one that is finished and never
-//! waits.
+//! The window does not depend on layered depth images. It shows a [`FrameSource`]: camera in, frame
+//! and statistics out, its own settings as data. The source lives on a render thread that renders
+//! the newest camera; the window shows the latest finished frame and never waits.
 //!
-//! | file | what |
+//! | module | content |
 //! |---|---|
-//! | `source`, `setting` | the frame source and its settings: what another crate implements |
-//! | `pose`, `motion`, `bounds`, `path`, `tape` | the eye: where it is, how it moves, where it must stay, what it repeats |
-//! | `views`, `resolution` | which pictures make a frame, and of how many pixels |
-//! | `slot`, `session`, `worker` | the hand-over to the render thread and its loop |
-//! | `app`, `looking`, `commands`, `keymap` | one pass of the window: news, keys, panels, frame |
-//! | `panels/*` | what surrounds the frame, a file each |
-//! | `automation`, `options`, `window` | a run from start to end, by hand or by script |
+//! | `source` | the frame source and the library: traits that other crates implement |
+//! | `input` | keys and commands; pose, motion and bounds of the eye; the viewport that shows the frame |
+//! | `playback` | camera paths, exported files, scripted runs |
+//! | `thread` | the render thread, its queue and its loop; dynamic resolution |
+//! | `panels` | the panels around the frame, a file each |
+//! | `window` | state of the window, its passes, layout and options |
 //!
-//! Everything but `window` runs without a display, and is tested so.
+//! Everything but `window::desktop` runs without a display, and is tested so.
 //!
 //! ```no_run
 //! use headbox_viewer::{FrameReport, FrameRequest, FrameSource, Pose, Setting, ViewerOptions, run};
@@ -53,7 +51,7 @@
 //! # Ok::<(), headbox_viewer::ViewerError>(())
 //! ```
 
-// The tests use the example's frame source, which knows this crate by its name.
+// The tests include the example's frame source, which refers to this crate by its name.
 #[cfg(test)]
 extern crate self as headbox_viewer;
 
@@ -69,7 +67,7 @@ mod window;
 pub use crate::input::bounds::EyeBounds;
 pub use crate::input::pose::Pose;
 pub use crate::playback::eye_path::{CameraPath, PathError, TimedPose};
-pub use crate::playback::tape::ReplayMode;
+pub use crate::playback::path_recorder::ReplayMode;
 pub use crate::window::desktop::run;
 pub use crate::window::options::{Exit, Summary, ViewerError, ViewerOptions};
 pub use crate::window::views::Stereo;

@@ -7,8 +7,8 @@ use headbox_core::view::{FrameReport, FrameRequest, Navigation, RoomMap, Setting
 use std::path::Path;
 use std::sync::mpsc::Receiver;
 
-/// Something that can be looked at. Lives on the render thread, which is the only one that calls
-/// it, and may take its time there: the window never waits for it.
+/// Renderer of frames. Lives on the render thread, which is the only one that calls it, and may be
+/// slow: the window never waits for it.
 pub trait FrameSource: Send {
     /// Title of the window: a file name and its kind.
     fn title(&self) -> String;
@@ -16,7 +16,7 @@ pub trait FrameSource: Send {
     /// Start pose, to which the key "centre" returns.
     fn start_pose(&self) -> Pose;
 
-    /// The box in which the eye may move (the headbox); `None` leaves it free.
+    /// Box in which the eye may move (the headbox); `None` leaves it free.
     fn bounds(&self) -> Option<EyeBounds> {
         None
     }
@@ -27,44 +27,44 @@ pub trait FrameSource: Send {
     }
 
     /// Speed of the eye with a key held, metres per second. By default the headbox's half width in
-    /// one second, or a stroll.
+    /// one second, or walking speed.
     fn speed_m_per_s(&self) -> f64 {
         self.bounds()
             .map_or(1.4, |bounds| bounds.half_size.max_element().max(1e-3))
     }
 
-    /// A plan to show the eye on, for sources with rooms.
+    /// Floor plan on which the eye is shown, for sources with rooms.
     fn plan(&self) -> Option<RoomMap> {
         None
     }
 
-    /// Notes on the file, a sentence each; shown as messages when it is opened.
+    /// Notes on the file, one sentence each; shown as messages when it is opened.
     fn notes(&self) -> Vec<String> {
         Vec::new()
     }
 
-    /// A sentence for each term that the panel shows (names of figures, facts, options), shown
-    /// where the pointer rests on it.
+    /// Explanations of the terms in the panel (names of figures, facts, options), one sentence
+    /// each; shown as tooltips.
     fn terms(&self) -> &'static [(&'static str, &'static str)] {
         &[]
     }
 
-    /// The axes and unit of the scene's file, in which cameras and paths are saved, as on the
-    /// command line.
+    /// Axes and unit of the scene's file, in which cameras and paths are saved, as on the command
+    /// line.
     fn file_frame(&self) -> FileFrame {
         FileFrame::default()
     }
 
-    /// The source's own panel, in order. The window shows the settings, keeps their values, and
-    /// passes them back with each request; asked once, when the source is opened.
+    /// Settings of the source's own panel, in order. The window shows them, keeps their values, and
+    /// passes them back with each request; called once, when the source is opened.
     fn settings(&self) -> Vec<Setting> {
         Vec::new()
     }
 
     /// Renders the request into `pixels`: `request.camera`'s width x height, row 0 on top, sRGB
-    /// with 8 bits per channel, alpha 255 where something was seen (premultiplied elsewhere; what
-    /// is transparent shows the window's background). Every pixel must be written: the buffer holds
-    /// an older frame.
+    /// with 8 bits per channel, premultiplied; alpha 255 where the scene covers the pixel. The
+    /// window's background shows through transparent pixels. Every pixel must be written: the
+    /// buffer holds an older frame.
     ///
     /// # Errors
     /// One sentence for the person at the window; the last good frame stays.
@@ -74,8 +74,8 @@ pub trait FrameSource: Send {
         pixels: &mut [[u8; 4]],
     ) -> Result<FrameReport, String>;
 
-    /// Does what a button of the panel ([`Setting::action`]) says, and returns one sentence that
-    /// says what was done.
+    /// Executes a button of the panel ([`Setting::action`]), and returns one sentence that reports
+    /// the result.
     ///
     /// # Errors
     /// One sentence for the person at the window.
@@ -92,8 +92,8 @@ pub trait Library: Send {
     /// Entries of the start page, in order.
     fn entries(&self) -> Vec<Entry>;
 
-    /// The picture of an entry, 4:3 with straight corners, made when the thread has nothing else to
-    /// do.
+    /// Renders the thumbnail of an entry, 4:3 with straight corners; called when the thread is
+    /// idle.
     fn thumbnail(&mut self, _entry: &Entry) -> Option<Thumbnail> {
         None
     }
@@ -114,7 +114,7 @@ pub trait Library: Send {
     fn open_file(&mut self, path: &Path) -> Result<Box<dyn FrameSource>, String>;
 }
 
-/// One offer of the start page.
+/// An entry of the start page.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Entry {
     /// Argument of [`Library::open_entry`].
@@ -125,19 +125,19 @@ pub struct Entry {
     pub description: String,
 }
 
-/// A small picture: `width` x `height` opaque sRGB pixels, row 0 on top.
+/// A small image: `width` x `height` opaque sRGB pixels, row 0 on top.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Thumbnail {
     /// Width in pixels.
     pub width: u32,
     /// Height in pixels.
     pub height: u32,
-    /// The pixels, `width * height` of them.
+    /// Pixels, `width * height` of them.
     pub pixels: Vec<[u8; 4]>,
 }
 
 impl Thumbnail {
-    /// Uploads it as a texture; `None` if the number of pixels differs from its size.
+    /// Uploads the thumbnail as a texture; `None` if the number of pixels differs from its size.
     pub(crate) fn texture(&self, ctx: &egui::Context, name: &str) -> Option<egui::TextureHandle> {
         let size = [self.width as usize, self.height as usize];
         (size[0] * size[1] == self.pixels.len()).then(|| {
@@ -148,10 +148,10 @@ impl Thumbnail {
     }
 }
 
-/// A source that is being opened elsewhere: the window shows that it is until there is one.
+/// A source that another thread is opening; the window reports this until it arrives.
 pub struct PendingSource {
     /// Name of the file or scene being opened.
     pub name: String,
-    /// The source, or one sentence why there is none.
+    /// The source, or one sentence with the error.
     pub source: Receiver<Result<Box<dyn FrameSource>, String>>,
 }

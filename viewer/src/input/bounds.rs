@@ -1,8 +1,8 @@
-//! The headbox as the viewer knows it: a box with a soft edge that keeps the eye inside.
+//! Bounds of the eye: a box with a soft edge that keeps the eye inside.
 
 use glam::DVec3;
 
-/// The axis-aligned box in which the eye may move (for a cube LDI the headbox). World metres.
+/// Axis-aligned box in which the eye may move (for a cube LDI the headbox). World metres.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EyeBounds {
     /// Centre of the box.
@@ -12,7 +12,8 @@ pub struct EyeBounds {
 }
 
 impl EyeBounds {
-    /// The share of the half size, next to the wall, in which the eye is slowed down.
+    /// Width of the margin along the walls in which the eye is slowed down, as a share of the half
+    /// size.
     pub const SOFT_SHARE: f64 = 0.15;
 
     /// Returns true if `eye` lies in the box (walls included).
@@ -20,8 +21,8 @@ impl EyeBounds {
         (eye - self.centre).abs().cmple(self.half_size).all()
     }
 
-    /// The box with every wall moved inward by `distance` metres (both eyes of a stereo pair stay
-    /// inside).
+    /// Returns the box with every wall moved inward by `distance` metres, which keeps both eyes of a
+    /// stereo pair inside.
     #[must_use]
     pub fn shrunk(&self, distance: f64) -> Self {
         Self {
@@ -30,11 +31,10 @@ impl EyeBounds {
         }
     }
 
-    /// Where the eye arrives that moves from `from` by `by`. Axis by axis: unhindered until the
-    /// soft margin of [`Self::SOFT_SHARE`] begins, then at a speed proportional to the distance
-    /// left, so that the wall is approached but never crossed. An eye outside may only move back.
-    /// The remaining distance is the exact solution of that law, hence one long move equals many
-    /// short ones, at any frame rate.
+    /// Moves the eye from `from` by `by`, slowed down at the walls. Along each axis it moves freely
+    /// up to the soft margin ([`Self::SOFT_SHARE`]), then at a speed proportional to the distance
+    /// left, so that it approaches the wall but never crosses it. An eye outside may only move
+    /// back. The law is solved exactly, so one long move equals many short ones, at any frame rate.
     pub fn soft_move(&self, from: DVec3, by: DVec3) -> DVec3 {
         let offset = from - self.centre;
         let axis = |i: usize| soft_axis(offset[i], by[i], self.half_size[i]);

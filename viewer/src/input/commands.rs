@@ -1,6 +1,7 @@
 //! Execution of commands from keys, buttons and scripts.
 
 use crate::input::keymap::Command;
+use crate::playback::automation::save_screenshot;
 use crate::playback::eye_path::CameraPath;
 use crate::playback::{camera_file, export};
 use crate::thread::exchange::{ExportOrder, Location, Order};
@@ -10,11 +11,12 @@ use crate::window::messages::Kind;
 use egui::{Context, ViewportCommand};
 use std::{
     path::Path,
-    sync::{Arc, Mutex},
+    sync::{Arc, Mutex, PoisonError},
+    time::Instant,
 };
 
 impl Viewer {
-    /// Does what was asked.
+    /// Executes a command.
     pub(crate) fn execute(&mut self, ctx: &Context, command: Command, now_s: f64) {
         match command {
             Command::Centre => self.centre(now_s),
@@ -42,29 +44,29 @@ impl Viewer {
             Command::Dismiss => {
                 self.messages.clear();
                 self.show_keys = false;
-                self.open_list.close();
+                self.open_list.is_open = false;
             }
         }
-        // What a command changed shows in the next pass.
+        // The next pass shows the change.
         ctx.request_repaint();
     }
 
     fn centre(&mut self, now_s: f64) {
         if let Some(info) = &self.info {
-            self.tape.stop();
+            self.path_recorder.stop();
             self.eye.pose = info.start_pose;
             self.eye.motion.stop();
             self.eye.moved_s = now_s;
         }
     }
 
-    /// Lets go of the view and shows what can be opened.
+    /// Closes the source and shows the start page.
     fn back_to_start(&mut self, ctx: &Context) {
-        if !self.start_page.has_library() {
+        if !self.start_page.has_library {
             return;
         }
-        (self.info, self.opening, self.wish, self.exporting) = (None, None, None, None);
-        self.tape.stop();
+        (self.info, self.opening, self.view_request, self.exporting) = (None, None, None, None);
+        self.path_recorder.stop();
         if let Some(old) = self.shown.take() {
             self.session.recycle(old.pictures);
         }
@@ -72,25 +74,26 @@ impl Viewer {
         ctx.send_viewport_cmd(ViewportCommand::Title("headbox".into()));
     }
 
-    /// Shows that something is being opened.
-    pub(crate) fn await_opening(&mut self, what: String) {
-        self.opening = Some(Opening::begin(what));
+    /// Shows that the file or scene `name` is being opened.
+    pub(crate) fn set_opening(&mut self, name: String) {
+        self.opening = Some(Opening {
+            name,
+            since: Instant::now(),
+        });
     }
 
     fn open(&mut self, location: Location) {
-        self.await_opening(match &location {
-            Location::Entry(id) => id.clone(),
-            Location::File(path) => path.display().to_string(),
-        });
-        self.opening_file = match &location {
-            Location::Entry(_) => None,
-            Location::File(path) => Some(path.clone()),
+        let (name, file) = match &location {
+            Location::Entry(id) => (id.clone(), None),
+            Location::File(path) => (path.display().to_string(), Some(path.clone())),
         };
+        self.set_opening(name);
+        self.file_being_opened = file;
         self.session.order(Order::Open(location));
     }
 
     fn show_open(&mut self, now_s: f64) {
-        if self.start_page.has_library() {
+        if self.start_page.has_library {
             self.open_list.toggle();
         } else {
             self.messages.add(
@@ -108,56 +111,61 @@ impl Viewer {
                 .add(Kind::Error, "There is no frame to save yet.", now_s);
         };
         let dir = self.options.output_dir.clone();
-        self.session.in_background(move || {
+        self.session.run_in_background(move || {
             let (width, pixels) = frame();
             let path = export::free_name(&dir, "frame", "png");
-            told(&path, export::write_png(&path, width, &pixels))
+            saved_message(&path, export::write_png(&path, width, &pixels))
         });
     }
 
     fn save_camera(&mut self) {
-        let (Some(info), Some(wish)) = (&self.info, &self.wish) else {
+        let (Some(info), Some(request)) = (&self.info, &self.view_request) else {
             return;
         };
         let mut record = camera_file::record(&self.eye.pose, &info.file_frame);
-        record.size = Some(wish.size_px);
+        record.size = Some(request.size_px);
+        self.save_json("camera", record);
+    }
+
+    fn save_json(&mut self, stem: &'static str, record: impl serde::Serialize + Send + 'static) {
         let dir = self.options.output_dir.clone();
-        self.session.in_background(move || {
-            let path = export::free_name(&dir, "camera", "json");
-            told(&path, export::write_json(&path, &record))
+        self.session.run_in_background(move || {
+            let path = export::free_name(&dir, stem, "json");
+            saved_message(&path, export::write_json(&path, &record))
         });
     }
 
     fn save_window(&mut self, ctx: &Context) {
         let path = export::free_name(&self.options.output_dir, "window", "png");
-        let taken = Arc::new(Mutex::new(None));
-        crate::playback::automation::shoot(ctx, path.clone(), Arc::clone(&taken));
-        self.pending_shots.push((path, taken));
+        let result = Arc::new(Mutex::new(None));
+        save_screenshot(ctx, path.clone(), Arc::clone(&result));
+        self.pending_shots.push((path, result));
     }
 
-    /// Tells the outcome of window pictures that have been written meanwhile.
+    /// Reports screenshots that have been written since the last pass.
     pub(crate) fn collect_shots(&mut self, now_s: f64) {
         let messages = &mut self.messages;
-        self.pending_shots.retain(|(path, taken)| {
-            let taken = taken
-                .lock()
-                .unwrap_or_else(std::sync::PoisonError::into_inner)
-                .take();
-            match &taken {
+        self.pending_shots.retain(|(path, result)| {
+            let result = result.lock().unwrap_or_else(PoisonError::into_inner).take();
+            match &result {
                 Some(Ok(())) => {
                     messages.add(Kind::Done, format!("Saved {}.", path.display()), now_s);
                 }
                 Some(Err(error)) => messages.add(Kind::Error, error, now_s),
                 None => {}
             }
-            taken.is_none()
+            result.is_none()
         });
     }
 
     fn toggle_recording(&mut self, now_s: f64) {
-        if self.tape.recorded().is_some() {
-            let kept = self.tape.stop_recording();
-            let poses = self.tape.path.as_ref().map_or(0, |path| path.poses().len());
+        if self.path_recorder.recorded().is_some() {
+            let kept = self.path_recorder.stop_recording();
+            let poses = self
+                .path_recorder
+                .path
+                .as_ref()
+                .map_or(0, |path| path.poses().len());
             let text = if kept {
                 format!("Recorded {poses} poses.")
             } else {
@@ -165,15 +173,15 @@ impl Viewer {
             };
             self.messages.add(Kind::Done, text, now_s);
         } else {
-            self.tape.record();
+            self.path_recorder.record();
         }
     }
 
     fn toggle_playback(&mut self, now_s: f64) {
-        if self.tape.is_playing() {
-            self.tape.stop();
-        } else if self.tape.play(now_s) {
-            self.path_ended = false;
+        if self.path_recorder.is_playing() {
+            self.path_recorder.stop();
+        } else if self.path_recorder.play(now_s) {
+            self.replay_ended = false;
             self.eye.motion.stop();
         } else {
             self.messages.add(
@@ -185,19 +193,17 @@ impl Viewer {
     }
 
     fn save_path(&mut self, now_s: f64) {
-        let (Some(info), Some(path), Some(wish)) = (&self.info, &self.tape.path, &self.wish) else {
+        let (Some(info), Some(path), Some(request)) =
+            (&self.info, &self.path_recorder.path, &self.view_request)
+        else {
             return self.messages.add(
                 Kind::Done,
                 "There is no path to save: record one (R).",
                 now_s,
             );
         };
-        let record = camera_file::path_record(path, wish.size_px, &info.file_frame);
-        let dir = self.options.output_dir.clone();
-        self.session.in_background(move || {
-            let path = export::free_name(&dir, "path", "json");
-            told(&path, export::write_json(&path, &record))
-        });
+        let record = camera_file::path_record(path, request.size_px, &info.file_frame);
+        self.save_json("path", record);
     }
 
     fn load_path(&mut self, file: &Path, now_s: f64) {
@@ -210,17 +216,17 @@ impl Viewer {
                     path.duration_s(),
                     file.display()
                 );
-                self.tape.stop();
+                self.path_recorder.stop();
                 self.messages.add(Kind::Done, text, now_s);
-                self.take_path(path, now_s);
+                self.set_path(path, now_s);
             }
             Err(error) => self.messages.add(Kind::Error, error.to_string(), now_s),
         }
     }
 
-    /// Takes a path over as it is, also where it leaves the headbox: a script may want to see what
-    /// is there.
-    pub(crate) fn take_path(&mut self, path: CameraPath, now_s: f64) {
+    /// Sets the path to replay. Poses outside of the headbox are kept, with a message: a script may
+    /// show the holes there on purpose.
+    pub(crate) fn set_path(&mut self, path: CameraPath, now_s: f64) {
         if let Some(bounds) = self.info.as_ref().and_then(|info| info.bounds) {
             let outside = path
                 .poses()
@@ -234,11 +240,11 @@ impl Viewer {
                 self.messages.add(Kind::Done, text, now_s);
             }
         }
-        self.tape.path = Some(path);
+        self.path_recorder.path = Some(path);
     }
 
     fn export_path(&mut self, now_s: f64) {
-        let (Some(path), Some(wish)) = (&self.tape.path, &self.wish) else {
+        let (Some(path), Some(request)) = (&self.path_recorder.path, &self.view_request) else {
             return self.messages.add(
                 Kind::Done,
                 "There is no path to render: record one (R) or load one.",
@@ -246,7 +252,7 @@ impl Viewer {
             );
         };
         let dir = export::free_name(&self.options.output_dir, "path", "frames");
-        let (path, size, settings) = (path.clone(), wish.size_px, Arc::clone(&self.sets.a));
+        let (path, size, settings) = (path.clone(), request.size_px, Arc::clone(&self.sets.a));
         self.exporting = Some([0, path.poses().len()]);
         self.session.order(Order::Export(ExportOrder {
             path,
@@ -257,8 +263,8 @@ impl Viewer {
     }
 }
 
-/// The message about a file that was written, or not.
-fn told(path: &Path, result: std::io::Result<()>) -> Result<String, String> {
+/// Message about the result of writing a file.
+fn saved_message(path: &Path, result: std::io::Result<()>) -> Result<String, String> {
     let path = path.display();
     result
         .map(|()| format!("Saved {path}."))

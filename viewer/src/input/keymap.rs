@@ -1,4 +1,4 @@
-//! Keys and what they do: one table that both the program and the list on F1 read.
+//! Key bindings: one table for the program and for the list on F1.
 
 use crate::input::motion::Steering;
 use crate::thread::exchange::Location;
@@ -34,15 +34,15 @@ pub(crate) enum Command {
 /// Effect of a key.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Effect {
-    /// While held, moves the eye: right, up, forward.
+    /// Moves the eye while held: right, up, forward.
     Drive([i8; 3]),
-    /// While held, turns the head: left, up.
+    /// Turns the head while held: left, up.
     Turn([i8; 2]),
-    /// Once per press.
+    /// Executes a command once per press.
     Command(Command),
 }
 
-/// A row of the table; any of the keys will do.
+/// A row of the table: alternative keys for one effect.
 pub(crate) struct Binding {
     pub keys: &'static [Key],
     pub effect: Effect,
@@ -132,7 +132,7 @@ pub(crate) const MOUSE_HELP: &[(&str, &str)] = &[
 
 const SHIFT_FACTOR: f64 = 4.0;
 
-/// The held keys. With `listening` off (a text field has the keyboard) nothing is held.
+/// Steering by the held keys. None is held if `listening` is false (a text field has the focus).
 pub(crate) fn steering(input: &InputState, listening: bool) -> Steering {
     let (mut drive, mut turn) = (DVec3::ZERO, [0.0; 2]);
     // Command shortcuts (Ctrl+C and the like) are not movement.
@@ -159,7 +159,7 @@ pub(crate) fn steering(input: &InputState, listening: bool) -> Steering {
     }
 }
 
-/// The commands whose keys were pressed since the last frame (held keys do not repeat).
+/// Commands whose keys were pressed since the last frame (held keys do not repeat).
 pub(crate) fn commands(input: &InputState) -> Vec<Command> {
     let pressed = |key: &Key| {
         let wanted = *key;
@@ -170,12 +170,9 @@ pub(crate) fn commands(input: &InputState) -> Vec<Command> {
     };
     let commands = BINDINGS.iter().filter(|b| b.keys.iter().any(pressed));
     commands
-        .filter_map(|b| {
-            if let Effect::Command(c) = &b.effect {
-                Some(c.clone())
-            } else {
-                None
-            }
+        .filter_map(|b| match &b.effect {
+            Effect::Command(c) => Some(c.clone()),
+            _ => None,
         })
         .collect()
 }

@@ -3,7 +3,7 @@
 pub(crate) mod bounds;
 mod commands;
 pub(crate) mod keymap;
-mod looking;
 pub(crate) mod motion;
 pub(crate) mod pose;
 pub(crate) mod steering;
+mod viewport;

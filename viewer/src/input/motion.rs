@@ -1,4 +1,5 @@
-//! From keys, mouse and wheel to the next pose. Smooth at any frame rate; knows no window.
+//! Motion of the eye: from keys, mouse and wheel to the next pose. Smooth at any frame rate,
+//! independent of the window.
 
 use crate::input::bounds::EyeBounds;
 use crate::input::pose::Pose;
@@ -14,7 +15,7 @@ pub(crate) struct Steering {
     pub turn: [f64; 2],
     /// Mouse drag since the last frame: right, down, in points.
     pub drag_points: [f64; 2],
-    /// Wheel since the last frame, in notches, positive magnifies.
+    /// Wheel since the last frame, in notches; positive magnifies.
     pub wheel_notches: f64,
     /// Factor on the speed (shift, alt).
     pub speed_factor: f64,
@@ -35,34 +36,35 @@ pub(crate) struct SteeringResponse {
     pub view_height_points: f64,
 }
 
-/// The momentum of the eye. Velocities follow the keys with a first-order lag, solved exactly over
-/// a frame, so that the way covered does not depend on the frame rate.
+/// Velocity of the eye. Velocities follow the keys with a first-order lag, integrated exactly over
+/// a frame, so that the distance covered does not depend on the frame rate.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Motion {
-    /// Metres per second, in the axes that [`Navigation`] moves along: right, up, forward.
+    /// Velocity along the axes of [`Navigation`]: right, up, forward, metres per second.
     velocity: DVec3,
-    /// Radians per second: left, up.
+    /// Angular velocity: left, up, radians per second.
     turning: [f64; 2],
 }
 
-/// Time constant of the lag, seconds: short enough to feel direct, long enough to hide key steps.
+/// Time constant of the lag, seconds: short enough to feel direct, long enough to smooth key
+/// presses.
 const LAG_S: f64 = 0.07;
 /// Speed of the turning keys, radians per second.
 const TURN_RAD_PER_S: f64 = 1.3;
 /// Magnification of one wheel notch.
 const NOTCH_ZOOM: f64 = 1.1;
-/// Below this share of the full speed the eye stands still, so that the window can rest.
+/// Share of the full speed below which the eye stops, so that the window need not repaint.
 const STANDSTILL_SHARE: f64 = 2e-3;
-/// An orbiting eye never reaches its pivot, whatever the source says, metres.
+/// Minimum distance of an orbiting eye from its pivot, metres.
 const MIN_ORBIT_RADIUS_M: f64 = 1e-3;
 
 impl Motion {
-    /// Returns true if the eye coasts although no key is held.
+    /// Returns true if the eye still moves, even with no key held.
     pub(crate) fn is_moving(&self) -> bool {
         *self != Self::default()
     }
 
-    /// The pose `dt_s` seconds after `pose`.
+    /// Returns the pose `dt_s` seconds after `pose`.
     pub(crate) fn advance(
         &mut self,
         pose: &Pose,
@@ -78,7 +80,7 @@ impl Motion {
         };
         let mut travel = DVec3::ZERO;
         for i in 0..3 {
-            (self.velocity[i], travel[i]) = lagged(
+            (self.velocity[i], travel[i]) = follow_with_lag(
                 self.velocity[i],
                 drive[i] * speed,
                 dt_s,
@@ -88,7 +90,8 @@ impl Motion {
         let mut turn = [0.0; 2];
         for i in 0..2 {
             let wanted = steering.turn[i] * TURN_RAD_PER_S;
-            (self.turning[i], turn[i]) = lagged(self.turning[i], wanted, dt_s, TURN_RAD_PER_S);
+            (self.turning[i], turn[i]) =
+                follow_with_lag(self.turning[i], wanted, dt_s, TURN_RAD_PER_S);
         }
         let rad_per_point = pose.fov_y_deg.to_radians() / handling.view_height_points.max(1.0);
         let orbits = matches!(handling.navigation, Navigation::Orbit { .. });
@@ -100,9 +103,8 @@ impl Motion {
         for i in 0..2 {
             turn[i] += drag_sign * steering.drag_points[i] * rad_per_point;
         }
-        // Not even a rounding error without a turn of the wheel.
-        let zooms = steering.wheel_notches != 0.0;
-        let pose = if zooms {
+        // Without the wheel the field of view stays exactly the same.
+        let pose = if steering.wheel_notches != 0.0 {
             pose.zoomed(NOTCH_ZOOM.powf(steering.wheel_notches))
         } else {
             *pose
@@ -112,19 +114,18 @@ impl Motion {
                 let pose = pose.turned(turn[0], turn[1]);
                 let by = world_travel(&pose, handling.navigation, travel);
                 Pose {
-                    eye: moved(handling.bounds, pose.eye, by),
+                    eye: move_eye(handling.bounds, pose.eye, by),
                     ..pose
                 }
             }
             Navigation::Orbit { pivot, nearest } => {
-                // A drag to the right carries the object to the right: the eye goes the other way
-                // around it.
+                // A drag to the right turns the object to the right: the eye orbits to the left.
                 let turned = Pose::upright(pose.eye, pivot, pose.up, pose.fov_y_deg)
                     .turned(-turn[0], -turn[1]);
                 let radius =
                     (pose.eye.distance(pivot) - travel.z).max(nearest.max(MIN_ORBIT_RADIUS_M));
                 let around = turned.turned(travel.x / radius, -travel.y / radius);
-                let eye = moved(
+                let eye = move_eye(
                     handling.bounds,
                     pose.eye,
                     pivot - around.forward() * radius - pose.eye,
@@ -137,14 +138,14 @@ impl Motion {
         }
     }
 
-    /// Stops at once (after a jump to another pose).
+    /// Stops immediately (after a jump to another pose).
     pub(crate) fn stop(&mut self) {
         *self = Self::default();
     }
 }
 
-/// Travel along right, up, forward turned into world axes: flight follows the view, walking stays
-/// level, and "up" is what the pose takes for up in both.
+/// Transforms travel along right, up, forward to world axes: flight follows the view, walking stays
+/// level; both use the pose's up direction.
 fn world_travel(pose: &Pose, navigation: Navigation, travel: DVec3) -> DVec3 {
     let level = Pose {
         pitch_rad: 0.0,
@@ -158,13 +159,13 @@ fn world_travel(pose: &Pose, navigation: Navigation, travel: DVec3) -> DVec3 {
     level.world_from_eye().x_axis * travel.x + pose.up * travel.y + forward * travel.z
 }
 
-fn moved(bounds: Option<EyeBounds>, eye: DVec3, by: DVec3) -> DVec3 {
+fn move_eye(bounds: Option<EyeBounds>, eye: DVec3, by: DVec3) -> DVec3 {
     bounds.map_or(eye + by, |bounds| bounds.soft_move(eye, by))
 }
 
-/// Velocity after `dt` seconds and the way covered, for a velocity that follows `wanted` with time
-/// constant [`LAG_S`].
-fn lagged(velocity: f64, wanted: f64, dt_s: f64, full_speed: f64) -> (f64, f64) {
+/// Returns the velocity after `dt_s` seconds and the distance covered, for a velocity that
+/// approaches `wanted` with time constant [`LAG_S`].
+fn follow_with_lag(velocity: f64, wanted: f64, dt_s: f64, full_speed: f64) -> (f64, f64) {
     let kept = (-dt_s / LAG_S).exp();
     let next = wanted + (velocity - wanted) * kept;
     let way = wanted * dt_s + (velocity - wanted) * LAG_S * (1.0 - kept);

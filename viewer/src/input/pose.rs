@@ -7,9 +7,9 @@ use std::ops::RangeInclusive;
 /// An eye that never rolls: position, heading, tilt and field of view. World metres.
 ///
 /// With +Y up, yaw 0 and pitch 0 look down -Z, so that eye space and world space coincide; where
-/// another direction is up (pictures taken with the camera on its side), all is turned the shortest
-/// way that brings +Y there. Positive yaw turns left (counter-clockwise seen from above), positive
-/// pitch looks up.
+/// another direction is up (pictures taken with the camera on its side), everything is rotated by
+/// the shortest arc from +Y to it. Positive yaw turns left (counter-clockwise seen from above),
+/// positive pitch looks up.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pose {
     /// Position of the eye, world metres.
@@ -25,15 +25,15 @@ pub struct Pose {
 }
 
 impl Pose {
-    /// The steepest tilt. Short of a right angle, so that "up is up" always fixes the roll when a
-    /// pose is written as eye and look-at point.
+    /// Maximum tilt, radians. Below a right angle, so that the up direction always determines the
+    /// roll when a pose is written as eye and look-at point.
     pub const MAX_PITCH_RAD: f64 = 89.5 * std::f64::consts::PI / 180.0;
 
-    /// Vertical fields of view that the wheel reaches, degrees.
+    /// Range of the vertical field of view, degrees.
     pub const FOV_Y_DEG: RangeInclusive<f64> = 1.0..=170.0;
 
-    /// The pose at `eye` that looks at `target` with `fov_y_deg` degrees of vertical view, +Y up.
-    /// Looks down -Z if the two points coincide; a roll cannot be kept.
+    /// Pose at `eye` that looks at `target` with a vertical field of view of `fov_y_deg` degrees,
+    /// +Y up. Looks down -Z if the two points coincide.
     pub fn looking_at(eye: DVec3, target: DVec3, fov_y_deg: f64) -> Self {
         Self::upright(eye, target, DVec3::Y, fov_y_deg)
     }
@@ -56,7 +56,7 @@ impl Pose {
             .clamp(-1.0, 1.0)
             .asin()
             .clamp(-Self::MAX_PITCH_RAD, Self::MAX_PITCH_RAD);
-        // Adding 0 turns -0 into 0, which reads better.
+        // Adding 0 turns -0 into 0, for display.
         Self {
             eye,
             yaw_rad: yaw_rad + 0.0,
@@ -78,7 +78,7 @@ impl Pose {
         -self.world_from_eye().z_axis
     }
 
-    /// The camera of this pose for an image of `width` x `height` pixels.
+    /// Camera of this pose for an image of `width` x `height` pixels.
     ///
     /// # Errors
     /// [`CameraError`] if the image size cannot be rendered.
@@ -87,7 +87,7 @@ impl Pose {
         Camera::from_parts(self.eye, self.world_from_eye(), focal_px, width, height)
     }
 
-    /// The pose after turning left by `yaw_rad` and up by `pitch_rad`, the tilt limited.
+    /// Returns the pose turned left by `yaw_rad` and up by `pitch_rad`, with limited tilt.
     #[must_use]
     pub fn turned(self, yaw_rad: f64, pitch_rad: f64) -> Self {
         let pitch_rad =
@@ -99,7 +99,8 @@ impl Pose {
         }
     }
 
-    /// The pose with the image magnified by `factor` about its middle, the field of view limited.
+    /// Returns the pose with the image magnified by `factor` about its centre, with limited field
+    /// of view.
     #[must_use]
     pub fn zoomed(self, factor: f64) -> Self {
         let half_height = (self.fov_y_deg.to_radians() / 2.0).tan() / factor;
@@ -111,7 +112,7 @@ impl Pose {
     }
 }
 
-/// Rotation from axes in which +Y is up to those of the world.
+/// Rotation from axes in which +Y is up to world axes.
 fn world_from_level(up: DVec3) -> DMat3 {
     DMat3::from_quat(DQuat::from_rotation_arc(DVec3::Y, up))
 }

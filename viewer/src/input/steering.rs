@@ -5,21 +5,21 @@ use crate::input::pose::Pose;
 use headbox_core::view::SettingValues;
 use std::sync::Arc;
 
-/// The eye and how it is steered.
+/// The eye and its steering state.
 pub(crate) struct Eye {
     pub pose: Pose,
     pub motion: Motion,
     pub speed_m_per_s: f64,
     pub grab_scene: bool,
-    /// When it last moved, on the window's clock.
+    /// Time of the last movement on the window's clock, seconds.
     pub moved_s: f64,
 }
 
-/// The values of the source's settings: A, and B to compare with.
+/// Values of the source's settings: A, and B for comparison.
 #[derive(Clone, Default)]
-pub(crate) struct Sets {
+pub(crate) struct SettingSets {
     pub a: Arc<SettingValues>,
     pub b: Arc<SettingValues>,
-    /// Settings that the panel shows while both are on the screen.
+    /// True if the panel edits B while both are on the screen.
     pub edits_b: bool,
 }

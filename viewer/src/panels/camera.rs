@@ -1,4 +1,4 @@
-//! The eye in numbers.
+//! Camera panel: position, direction and field of view of the eye.
 
 use super::button;
 use crate::input::bounds::EyeBounds;
@@ -8,7 +8,7 @@ use crate::input::steering::Eye;
 use egui::{Checkbox, DragValue, Slider, Ui};
 use glam::DVec3;
 
-/// The controls; the eye stays inside `bounds`.
+/// Shows the controls; the eye stays inside `bounds`.
 pub(crate) fn show(
     ui: &mut Ui,
     eye: &mut Eye,
@@ -16,7 +16,7 @@ pub(crate) fn show(
     now_s: f64,
     commands: &mut Vec<Command>,
 ) {
-    // A control may round what it shows, so only what a person changed is taken over.
+    // A control may round the value that it shows, so only changed values are applied.
     let mut moved = false;
     ui.horizontal(|ui| {
         let names = ["X (right)", "Y (up)", "Z (back)"];

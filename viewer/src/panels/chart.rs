@@ -1,4 +1,4 @@
-//! The rolling chart of milliseconds by stage: one column a frame, stages stacked.
+//! Rolling chart of milliseconds by stage: one column per frame, stages stacked.
 
 use crate::panels::theme;
 use crate::thread::history::{FrameTimes, History, nice_ceiling};
@@ -6,10 +6,11 @@ use egui::{Align2, Color32, FontId, Mesh, Painter, Rect, Sense, Shape, Stroke, U
 
 const HEIGHT_POINTS: f32 = 96.0;
 
-/// Thinner bars cannot be seen, but cost a software driver two triangles each.
-const THINNEST_POINTS: f32 = 0.2;
+/// Minimum height of a bar, points. Lower bars are invisible, but cost a software rasteriser two
+/// triangles each.
+const MIN_BAR_POINTS: f32 = 0.2;
 
-/// The chart with its legend.
+/// Shows the chart and its legend.
 pub(crate) fn show(ui: &mut Ui, history: &History) {
     let (rect, response) =
         ui.allocate_exact_size(vec2(ui.available_width(), HEIGHT_POINTS), Sense::hover());
@@ -36,13 +37,13 @@ pub(crate) fn show(ui: &mut Ui, history: &History) {
         for (i, name) in names.iter().enumerate() {
             let (swatch, _) = ui.allocate_exact_size(vec2(9.0, 9.0), Sense::hover());
             ui.painter().rect_filled(swatch, 2.0, color(i));
-            let of_stage = |f: &FrameTimes| {
+            let stage_ms = |f: &FrameTimes| {
                 f.stages
                     .iter()
                     .find(|s| s.name == *name)
                     .map_or(0.0, |s| s.ms)
             };
-            let median = history.median(of_stage).unwrap_or(0.0);
+            let median = history.median(stage_ms).unwrap_or(0.0);
             ui.small(format!("{name} {median:.1}"))
                 .on_hover_text(format!(
                     "Median time of the stage \"{name}\" over the chart, in milliseconds."
@@ -99,7 +100,7 @@ impl Axis {
             let right = self.rect.right() - age as f32 * width;
             let mut column = |from_ms: f64, to_ms: f64, color| {
                 let (top, bottom) = (self.y(to_ms), self.y(from_ms));
-                if bottom - top < THINNEST_POINTS {
+                if bottom - top < MIN_BAR_POINTS {
                     return;
                 }
                 mesh.add_colored_rect(
@@ -116,7 +117,7 @@ impl Axis {
                 column(stacked_ms, stacked_ms + stage.ms, color(index));
                 stacked_ms += stage.ms;
             }
-            // What no stage accounts for.
+            // Time outside of all stages.
             column(stacked_ms, frame.render_ms.max(stacked_ms), theme::FAINT);
         }
         painter.add(Shape::mesh(mesh));

@@ -1,6 +1,6 @@
 //! Display panel: resolution, stereo, comparison.
 
-use crate::input::steering::Sets;
+use crate::input::steering::SettingSets;
 use crate::window::options::ViewerOptions;
 use crate::window::views::Stereo;
 use egui::{Checkbox, Slider, Ui};
@@ -11,7 +11,7 @@ use std::sync::Arc;
 pub(crate) struct Display {
     /// Render fewer pixels while the eye moves, if frames would take longer than `target_ms`.
     pub lower_resolution: bool,
-    /// The longest a frame should take while the eye moves, ms.
+    /// Time limit of a frame while the eye moves, ms.
     pub target_ms: f64,
     pub stereo: Stereo,
     /// Distance between the two eyes, metres.
@@ -20,13 +20,13 @@ pub(crate) struct Display {
     pub compare: bool,
     /// Share of the frame's width that shows A.
     pub divider: f32,
-    /// Show the headbox and the plan in the corner.
+    /// Show the headbox and the floor plan in the corner.
     pub insets: bool,
 }
 
 impl Display {
-    /// One eye or two, and the longest a frame should take while the eye moves, ms, if that
-    /// matters.
+    /// Initial state. `moving_limit_ms` is the time limit of a frame while the eye moves, ms;
+    /// `None` always renders all pixels.
     pub(crate) fn new(stereo: Stereo, moving_limit_ms: Option<f64>) -> Self {
         Self {
             lower_resolution: moving_limit_ms.is_some(),
@@ -40,8 +40,8 @@ impl Display {
     }
 }
 
-/// The controls. `moving_scale` is the resolution in use while moving.
-pub(crate) fn show(ui: &mut Ui, display: &mut Display, sets: &mut Sets, moving_scale: f64) {
+/// Shows the controls. `moving_scale` is the current scale while moving.
+pub(crate) fn show(ui: &mut Ui, display: &mut Display, sets: &mut SettingSets, moving_scale: f64) {
     let text = if display.lower_resolution && moving_scale < 1.0 {
         format!(
             "Fewer pixels while moving (now {:.0} %)",
@@ -87,7 +87,7 @@ pub(crate) fn show(ui: &mut Ui, display: &mut Display, sets: &mut Sets, moving_s
             "Shows two sets of settings left and right of a divider that can be dragged (B).",
         );
     if display.compare && !before {
-        // B starts as A: what one then changes is the difference seen.
+        // B starts as a copy of A, so that the images differ only by later changes.
         (sets.b, sets.edits_b) = (Arc::clone(&sets.a), true);
     }
     ui.add(Checkbox::new(&mut display.insets, "Headbox and plan"))

@@ -1,4 +1,4 @@
-//! The line between A and B.
+//! Divider between A and B.
 
 use crate::panels::theme;
 use egui::{Align2, Color32, FontId, Painter, Rect, Response, Stroke, pos2, vec2};
@@ -6,7 +6,7 @@ use egui::{Align2, Color32, FontId, Painter, Rect, Response, Stroke, pos2, vec2}
 /// Radius of the handle, points.
 const HANDLE_POINTS: f32 = 7.0;
 
-/// Draws a divider at each of `xs` over the height of `rect`, with the letters of the two sides.
+/// Paints a divider at each of `xs` over the height of `rect`, with the letters of the two sides.
 pub(crate) fn paint(painter: &Painter, rect: Rect, xs: Vec<f32>, response: &Response) {
     let held = response.dragged() || response.hovered();
     let color = if held {

@@ -1,4 +1,4 @@
-//! The small 3-D drawing of the headbox with the eye in it.
+//! Inset: a small 3-D drawing of the headbox with the eye in it.
 
 use crate::input::bounds::EyeBounds;
 use crate::input::pose::Pose;
@@ -9,18 +9,19 @@ use glam::{DMat3, DVec3, dvec3};
 /// Distance of the insets from the frame's corner and from each other, points.
 pub(crate) const MARGIN_POINTS: f32 = 10.0;
 const SIZE_POINTS: f32 = 148.0;
-/// Share of the inset's half width that the box's circumscribed sphere takes.
+/// Radius of the box's circumscribed sphere as a share of the inset's half width.
 const FILL: f64 = 0.88;
-/// The drawing is seen from behind and above the eye, turned a little so that depth shows.
-const SEEN_FROM_YAW_RAD: f64 = -0.5;
-const SEEN_FROM_PITCH_RAD: f64 = -0.45;
+/// Yaw of the drawing's camera relative to the eye, radians: slightly from the side, to show depth.
+const CAMERA_YAW_RAD: f64 = -0.5;
+/// Pitch of the drawing's camera, radians: from above.
+const CAMERA_PITCH_RAD: f64 = -0.45;
 /// Length of the drawn frustum as a share of the box's half diagonal.
 const FRUSTUM_SHARE: f64 = 0.45;
 
-/// Draws an empty inset whose right bottom corner is `corner`, moves the corner up for the next
-/// one, and returns the space to draw in.
+/// Paints an empty inset whose bottom right corner is `corner`, moves the corner up for the next
+/// inset, and returns the rectangle to draw in.
 ///
-/// None if there is no room for it: insets stay in the right half of a frame, below its strip.
+/// `None` if it does not fit: insets stay in the right half of a frame, below its progress strip.
 pub(crate) fn frame(painter: &Painter, rect: Rect, corner: &mut Pos2, title: &str) -> Option<Rect> {
     if corner.y - SIZE_POINTS < rect.top() + MARGIN_POINTS + strip::HEIGHT_POINTS
         || rect.width() < 2.0 * SIZE_POINTS
@@ -59,24 +60,21 @@ struct Projection {
 
 impl Projection {
     fn new(rect: Rect, bounds: &EyeBounds, pose: &Pose) -> Self {
-        let seen_from = Pose {
-            pitch_rad: SEEN_FROM_PITCH_RAD,
-            yaw_rad: pose.yaw_rad + SEEN_FROM_YAW_RAD,
+        let camera = Pose {
+            pitch_rad: CAMERA_PITCH_RAD,
+            yaw_rad: pose.yaw_rad + CAMERA_YAW_RAD,
             ..*pose
         };
-        let world_from_page = seen_from.world_from_eye();
-        let points_per_m =
-            f64::from(rect.width()) / 2.0 * FILL / bounds.half_size.length().max(1e-9);
-        let page_from_world = world_from_page.transpose();
         Self {
-            page_from_world,
+            page_from_world: camera.world_from_eye().transpose(),
             centre: bounds.centre,
             middle: rect.center() + vec2(0.0, 6.0),
-            points_per_m,
+            points_per_m: f64::from(rect.width()) / 2.0 * FILL
+                / bounds.half_size.length().max(1e-9),
         }
     }
 
-    /// Position on the page, and how near the point is to the viewer (metres, larger is nearer).
+    /// Projects a point: position in the drawing, and depth (metres, larger is nearer).
     fn point(&self, world: DVec3) -> (Pos2, f64) {
         let p = self.page_from_world * (world - self.centre);
         let points = p * self.points_per_m;
@@ -90,8 +88,8 @@ impl Projection {
     }
 }
 
-/// Draws box, eye, its plumb line to the floor, and the frustum of a frame of `aspect` = width /
-/// height.
+/// Paints the box, the eye, its plumb line to the floor, and the frustum of a frame of `aspect` =
+/// width / height.
 pub(crate) fn paint(painter: &Painter, rect: Rect, bounds: &EyeBounds, pose: &Pose, aspect: f64) {
     let painter = painter.with_clip_rect(rect.expand(5.0).intersect(painter.clip_rect()));
     let projection = Projection::new(rect, bounds, pose);
@@ -108,7 +106,7 @@ pub(crate) fn paint(painter: &Painter, rect: Rect, bounds: &EyeBounds, pose: &Po
         };
         painter.line_segment([a, b], stroke);
     }
-    // The lowest plane across what is up that touches the box.
+    // Floor: the lowest plane perpendicular to the up direction that touches the box.
     let height = (pose.eye - bounds.centre).dot(pose.up) + bounds.half_size.dot(pose.up.abs());
     let floor = pose.eye - pose.up * height;
     let ((eye, _), (foot, _)) = (projection.point(pose.eye), projection.point(floor));
@@ -133,7 +131,7 @@ pub(crate) fn paint(painter: &Painter, rect: Rect, bounds: &EyeBounds, pose: &Po
     );
 }
 
-/// The four corners of the view at a distance of `length` metres along the diagonal rays.
+/// Corners of the view at a distance of `length` metres along the diagonal rays.
 fn frustum(pose: &Pose, aspect: f64, length: f64) -> [DVec3; 4] {
     let half_height = (pose.fov_y_deg.to_radians() / 2.0).tan();
     [(-1.0, 1.0), (1.0, 1.0), (1.0, -1.0), (-1.0, -1.0)].map(|(x, y)| {
@@ -142,7 +140,7 @@ fn frustum(pose: &Pose, aspect: f64, length: f64) -> [DVec3; 4] {
     })
 }
 
-/// The twelve edges of the cube from -1 to 1.
+/// Twelve edges of the cube from -1 to 1.
 fn edges() -> impl Iterator<Item = (DVec3, DVec3)> {
     let corner =
         |i: usize| DVec3::from([0, 1, 2].map(|axis| if i >> axis & 1 == 1 { 1.0 } else { -1.0 }));

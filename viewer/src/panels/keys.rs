@@ -1,16 +1,16 @@
-//! The list of keys.
+//! List of keys.
 
 use crate::input::keymap::{BINDINGS, MOUSE_HELP};
 use egui::{Context, Grid, ScrollArea, Ui, vec2};
 
-/// Width of all lists beside each other, and of the two of keys, points; where there is less they
-/// stand below each other.
+/// Minimum width for all three lists side by side, points.
 const WIDE_POINTS: f32 = 960.0;
+/// Minimum width for the two lists of keys side by side, points.
 const HALVES_POINTS: f32 = 600.0;
 
-/// The list in a window of its own, while `open`.
+/// Shows the list in its own window while `open`.
 pub(crate) fn show(ctx: &Context, open: &mut bool) {
-    // Without the title and the borders.
+    // Available size without the title and the borders.
     let room = ctx.content_rect().size() - vec2(40.0, 90.0);
     super::dialog(ctx, "Keys", open)
         .resizable(false)
@@ -34,7 +34,7 @@ pub(crate) fn show(ctx: &Context, open: &mut bool) {
         });
 }
 
-/// The keys in two halves.
+/// Shows the keys in two lists.
 fn keys(ui: &mut Ui) {
     let half = BINDINGS.len().div_ceil(2);
     for (i, column) in BINDINGS.chunks(half).enumerate() {

@@ -1,4 +1,4 @@
-//! Legend of an image's colours, in the corner of the frame.
+//! Legend of false colours, in the corner of the frame.
 
 use crate::panels::theme;
 use egui::{Align2, Color32, FontId, Painter, Pos2, Rect, pos2, vec2};
@@ -8,7 +8,7 @@ const LINE_POINTS: f32 = 17.0;
 const SWATCH_POINTS: f32 = 11.0;
 const BORDER_POINTS: f32 = 8.0;
 
-/// Draws a legend whose left bottom corner is `corner`.
+/// Paints a legend whose bottom left corner is `corner`.
 pub(crate) fn paint(painter: &Painter, corner: Pos2, legend: &[Swatch]) {
     let font = FontId::proportional(12.0);
     let texts: Vec<_> = legend

@@ -6,7 +6,7 @@ use egui::{Align2, Area, Color32, Context, Frame, Id, Margin, RichText, Stroke, 
 
 const WIDTH_POINTS: f32 = 520.0;
 
-/// The messages, each with a button that takes it away.
+/// Shows the messages, each with a button that dismisses it.
 pub(crate) fn show(ctx: &Context, messages: &mut Messages) {
     if messages.iter().len() == 0 {
         return;

@@ -22,7 +22,7 @@ pub(crate) mod theme;
 use crate::input::keymap::Command;
 use egui::{Align2, Button, CollapsingHeader, Context, RichText, Ui, Window};
 
-/// A window over the frame, at first in the middle of it.
+/// Creates a window over the frame, initially in its centre.
 pub(crate) fn dialog<'a>(ctx: &Context, title: &'a str, open: &'a mut bool) -> Window<'a> {
     let middle = ctx.content_rect().center();
     Window::new(title)
@@ -32,14 +32,14 @@ pub(crate) fn dialog<'a>(ctx: &Context, title: &'a str, open: &'a mut bool) -> W
         .default_pos(middle)
 }
 
-/// A part of the side panel that can be folded away.
+/// Shows a collapsible section of the side panel.
 pub(crate) fn section(ui: &mut Ui, title: &str, open: bool, contents: impl FnOnce(&mut Ui)) {
     CollapsingHeader::new(RichText::new(title).strong())
         .default_open(open)
         .show(ui, contents);
 }
 
-/// A button that asks for a command.
+/// Shows a button that issues a command.
 pub(crate) fn button(
     ui: &mut Ui,
     text: &str,
@@ -50,7 +50,7 @@ pub(crate) fn button(
     enabled_button(ui, true, text, tooltip, command, commands);
 }
 
-/// A button that may be greyed out.
+/// Shows a button that may be disabled.
 pub(crate) fn enabled_button(
     ui: &mut Ui,
     enabled: bool,

@@ -1,8 +1,8 @@
-//! A small list of files to open. Drawn by the window itself, so that it also works remotely and
-//! without a desktop.
+//! File list for opening. Drawn by the window itself, so that it also works remotely and without a
+//! desktop.
 
 use crate::input::keymap::Command;
-use crate::playback::recent::Recent;
+use crate::playback::recent::RecentFiles;
 use crate::thread::exchange::Location;
 use egui::{Button, Context, Key, Label, RichText, ScrollArea, TextEdit, Ui, vec2};
 use std::path::{Path, PathBuf};
@@ -10,12 +10,13 @@ use std::path::{Path, PathBuf};
 /// State of the list.
 #[derive(Default)]
 pub(crate) struct OpenList {
-    is_open: bool,
+    pub is_open: bool,
+    /// Extensions of the files that are listed (any case), without the dot.
+    pub extensions: Vec<String>,
     dir: PathBuf,
     contents: Contents,
-    /// Why `dir` cannot be listed.
+    /// Message if `dir` cannot be listed or the path does not exist.
     error: Option<String>,
-    extensions: Vec<String>,
     /// Text of the path field.
     path: String,
 }
@@ -27,11 +28,6 @@ struct Contents {
 }
 
 impl OpenList {
-    /// Only files with these extensions (any case) are listed.
-    pub(crate) fn set_extensions(&mut self, extensions: Vec<String>) {
-        self.extensions = extensions;
-    }
-
     pub(crate) fn toggle(&mut self) {
         self.is_open = !self.is_open;
         if self.is_open {
@@ -42,10 +38,6 @@ impl OpenList {
             };
             self.go(dir.unwrap_or_else(|_| PathBuf::from("/")));
         }
-    }
-
-    pub(crate) fn close(&mut self) {
-        self.is_open = false;
     }
 
     fn go(&mut self, dir: PathBuf) {
@@ -59,9 +51,9 @@ impl OpenList {
         self.dir = dir;
     }
 
-    /// Goes to the folder that is written, or returns the file.
-    pub(crate) fn take_path(&mut self, written: &str) -> Option<PathBuf> {
-        let path = self.dir.join(written.trim());
+    /// Goes to `path` if it is a folder; returns it if it is a file.
+    pub(crate) fn enter_path(&mut self, path: &str) -> Option<PathBuf> {
+        let path = self.dir.join(path.trim());
         if path.is_dir() {
             self.go(path);
             return None;
@@ -74,7 +66,7 @@ impl OpenList {
     }
 }
 
-/// Folders and fitting files of `dir`, by name; hidden ones left out.
+/// Lists folders and files with one of the extensions in `dir`, by name, without hidden ones.
 fn list(dir: &Path, extensions: &[String]) -> std::io::Result<Contents> {
     let mut contents = Contents::default();
     for entry in std::fs::read_dir(dir)? {
@@ -83,7 +75,7 @@ fn list(dir: &Path, extensions: &[String]) -> std::io::Result<Contents> {
         if name.starts_with('.') {
             continue;
         }
-        // Links count as what they lead to.
+        // Links are followed.
         if entry.path().is_dir() {
             contents.folders.push(name);
         } else if entry.path().extension().is_some_and(|e| {
@@ -99,11 +91,11 @@ fn list(dir: &Path, extensions: &[String]) -> std::io::Result<Contents> {
     Ok(contents)
 }
 
-/// The list in a window of its own, while open.
+/// Shows the list in its own window while it is open.
 pub(crate) fn show(
     ctx: &Context,
     list: &mut OpenList,
-    recent: &Recent,
+    recent: &RecentFiles,
     commands: &mut Vec<Command>,
 ) {
     let (mut is_open, mut next_dir, mut chosen) = (list.is_open, None, None);
@@ -127,7 +119,7 @@ pub(crate) fn show(
                     .add(field)
                     .on_hover_text("A folder or file; Enter goes there or opens it.");
                 if field.lost_focus() && ui.input(|i| i.key_pressed(Key::Enter)) {
-                    chosen = list.take_path(&list.path.clone());
+                    chosen = list.enter_path(&list.path.clone());
                 }
             });
             ui.add(
@@ -170,7 +162,7 @@ pub(crate) fn show(
     commands.extend(chosen.map(|path| Command::Open(Location::File(path))));
 }
 
-/// A row of the list, all of which can be clicked.
+/// Shows a row of the list that is clickable over its whole width; returns true if it was clicked.
 fn row(ui: &mut Ui, text: &str, tooltip: &str) -> bool {
     let row = Button::selectable(false, text)
         .truncate()

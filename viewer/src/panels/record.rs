@@ -1,15 +1,15 @@
-//! Frames, cameras and paths to files and back.
+//! Record panel: saves frames, cameras and paths; loads and replays paths.
 
 use super::{button, enabled_button};
 use crate::input::keymap::Command;
-use crate::playback::tape::{PathRecorder, ReplayMode};
+use crate::playback::path_recorder::{PathRecorder, ReplayMode};
 use egui::{Checkbox, ProgressBar, TextEdit, Ui};
 use std::path::{Path, PathBuf};
 
-/// The controls.
+/// Shows the controls.
 pub(crate) fn show(
     ui: &mut Ui,
-    tape: &mut PathRecorder,
+    recorder: &mut PathRecorder,
     exporting: Option<[usize; 2]>,
     output_dir: &Path,
     now_s: f64,
@@ -22,7 +22,7 @@ pub(crate) fn show(
         button(ui, "Save camera", tip, Command::SaveCamera, commands);
     });
     ui.horizontal(|ui| {
-        let (text, tip) = match tape.recorded() {
+        let (text, tip) = match recorder.recorded() {
             Some(poses) => (format!("Stop ({poses} poses)"), "Ends the recording (R)."),
             None => (
                 "Record".into(),
@@ -30,33 +30,34 @@ pub(crate) fn show(
             ),
         };
         button(ui, &text, tip, Command::ToggleRecording, commands);
-        let (text, tip) = match tape.is_playing() {
-            true => ("Stop replay", "Ends the replay (Space)."),
-            false => (
+        let (text, tip) = if recorder.is_playing() {
+            ("Stop replay", "Ends the replay (Space).")
+        } else {
+            (
                 "Replay",
                 "Replays the path, at its own speed in seconds or pose by pose (Space).",
-            ),
+            )
         };
         enabled_button(
             ui,
-            tape.path.is_some(),
+            recorder.path.is_some(),
             text,
             tip,
             Command::TogglePlayback,
             commands,
         );
-        ui.add(Checkbox::new(&mut tape.repeat, "Repeat"))
+        ui.add(Checkbox::new(&mut recorder.repeat, "Repeat"))
             .on_hover_text("Replays again and again.");
     });
     ui.horizontal(|ui| {
-        ui.selectable_value(&mut tape.mode, ReplayMode::InTime, "In time")
+        ui.selectable_value(&mut recorder.mode, ReplayMode::InTime, "In time")
             .on_hover_text(
                 "Replays at the path's own speed, in seconds; frames that are late are left out.",
             );
-        ui.selectable_value(&mut tape.mode, ReplayMode::EveryPose, "Every pose")
+        ui.selectable_value(&mut recorder.mode, ReplayMode::EveryPose, "Every pose")
             .on_hover_text("Shows each pose once, however many milliseconds its frame takes.");
     });
-    match (tape.progress(now_s), &tape.path) {
+    match (recorder.progress(now_s), &recorder.path) {
         (Some(share), _) => {
             ui.add(ProgressBar::new(share as f32).desired_height(6.0))
                 .on_hover_text("Share of the path replayed.");
@@ -71,18 +72,18 @@ pub(crate) fn show(
         }
         (None, None) => {}
     }
-    path_files(ui, tape, exporting, commands);
+    path_files(ui, recorder, exporting, commands);
     ui.weak(format!("Files go to {}", output_dir.display()))
         .on_hover_text("Folder for everything saved here.");
 }
 
 fn path_files(
     ui: &mut Ui,
-    tape: &PathRecorder,
+    recorder: &PathRecorder,
     exporting: Option<[usize; 2]>,
     commands: &mut Vec<Command>,
 ) {
-    let has_path = tape.path.is_some();
+    let has_path = recorder.path.is_some();
     ui.horizontal(|ui| {
         let tip = "Writes the path as JSON: times in seconds, cameras in the words of the command line.";
         enabled_button(ui, has_path, "Save path", tip, Command::SavePath, commands);

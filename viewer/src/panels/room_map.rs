@@ -1,4 +1,4 @@
-//! The plan of the rooms with the eye on it.
+//! Floor plan of the rooms with the eye on it.
 
 use crate::input::pose::Pose;
 use crate::panels::theme;
@@ -8,23 +8,20 @@ use headbox_core::view::RoomMap;
 /// Length of the drawn view wedge, points.
 const WEDGE_POINTS: f32 = 18.0;
 
-/// Draws the plan to fit `rect`; the room that holds the eye is brighter and named.
+/// Paints the plan to fit `rect`; highlights and names the room that contains the eye.
 pub(crate) fn paint(painter: &Painter, rect: Rect, plan: &RoomMap, pose: &Pose) {
     let Some(page) = Page::new(rect, plan) else {
         return;
     };
     let here = plan.room_at(pose.eye);
     for (i, room) in plan.rooms.iter().enumerate() {
-        let color = if here == Some(i) {
-            theme::ACCENT
+        let stroke = if here == Some(i) {
+            Stroke::new(1.8, theme::ACCENT)
         } else {
-            theme::LINE
+            Stroke::new(1.0, theme::LINE)
         };
         let outline = room.outline.iter().map(|p| page.point(*p)).collect();
-        painter.add(Shape::closed_line(
-            outline,
-            Stroke::new(if here == Some(i) { 1.8 } else { 1.0 }, color),
-        ));
+        painter.add(Shape::closed_line(outline, stroke));
     }
     for opening in &plan.openings {
         painter.line_segment(
@@ -52,7 +49,7 @@ pub(crate) fn paint(painter: &Painter, rect: Rect, plan: &RoomMap, pose: &Pose) 
     );
 }
 
-/// RoomMap metres to points, filling a rectangle.
+/// Transform from metres of the plan to points, fitted to a rectangle.
 struct Page {
     min: [f64; 2],
     origin: Pos2,

@@ -1,18 +1,18 @@
-//! The source's own settings, drawn from data.
+//! Settings panel of the source, generated from its settings data.
 
 use super::{button, section};
 use crate::input::keymap::Command;
-use crate::input::steering::Sets;
+use crate::input::steering::SettingSets;
 use crate::thread::exchange::SourceInfo;
 use egui::{Checkbox, ComboBox, Slider, Ui};
 use headbox_core::view::{Control, Setting, SettingValue, SettingValues};
 use std::{ops::RangeInclusive, sync::Arc};
 
-/// The controls, under their headings in order of first appearance.
+/// Shows the controls by group, in order of first appearance.
 pub(crate) fn show(
     ui: &mut Ui,
     info: &SourceInfo,
-    sets: &mut Sets,
+    sets: &mut SettingSets,
     compare: bool,
     commands: &mut Vec<Command>,
 ) {
@@ -91,7 +91,7 @@ fn control(
             ui.add(slider(value, range, *step, unit, *logarithmic).text(label))
                 .on_hover_text(tip);
         }
-        // `values` comes from the same settings, so that kinds always agree.
+        // Unreachable: `values` was created from the same settings.
         _ => {}
     }
 }

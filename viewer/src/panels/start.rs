@@ -1,8 +1,8 @@
-//! The page shown while there is no view.
+//! Start page, shown while there is no source.
 
 use crate::input::keymap::Command;
 use crate::panels::theme;
-use crate::playback::recent::Recent;
+use crate::playback::recent::RecentFiles;
 use crate::source::{Entry, Thumbnail};
 use crate::thread::exchange::Location;
 use crate::thread::session::Opening;
@@ -11,12 +11,12 @@ use egui::{
 };
 use std::time::Duration;
 
-/// Size of a card's picture, points.
+/// Size of a card's thumbnail, points.
 const CARD_POINTS: egui::Vec2 = vec2(200.0, 150.0);
 
 const CARD_GAP_POINTS: f32 = 24.0;
 
-/// Width of a row of the files opened last, points.
+/// Width of a row of the recent files, points.
 const ROW_POINTS: f32 = 420.0;
 
 /// Interval at which the elapsed opening time is updated.
@@ -25,25 +25,15 @@ const SECOND: Duration = Duration::from_secs(1);
 /// State of the page.
 #[derive(Default)]
 pub(crate) struct StartPage {
-    has_library: bool,
-    cards: Vec<(Entry, Option<TextureHandle>)>,
+    /// True if this window can open files.
+    pub has_library: bool,
+    /// Entries with their thumbnails, once these are rendered.
+    pub cards: Vec<(Entry, Option<TextureHandle>)>,
 }
 
 impl StartPage {
-    pub(crate) fn new(has_library: bool) -> Self {
-        Self {
-            has_library,
-            cards: Vec::new(),
-        }
-    }
-
-    /// Returns true if this window can open files.
-    pub(crate) fn has_library(&self) -> bool {
-        self.has_library
-    }
-
     /// Returns true if there are entries and all have thumbnails.
-    pub(crate) fn is_pictured(&self) -> bool {
+    pub(crate) fn has_all_thumbnails(&self) -> bool {
         !self.cards.is_empty() && self.cards.iter().all(|(_, picture)| picture.is_some())
     }
 
@@ -60,12 +50,12 @@ impl StartPage {
     }
 }
 
-/// The page: what can be opened, or what is being opened.
+/// Shows the library and the recent files, or the name of the source that is being opened.
 pub(crate) fn show(
     ui: &mut Ui,
     page: &mut StartPage,
     opening: Option<&Opening>,
-    recent: &Recent,
+    recent: &RecentFiles,
     commands: &mut Vec<Command>,
 ) {
     if opening.is_some() || !page.has_library {
@@ -74,7 +64,7 @@ pub(crate) fn show(
             |opening| {
                 format!(
                     "Opening {}… {} s",
-                    opening.what,
+                    opening.name,
                     opening.since.elapsed().as_secs()
                 )
             },
@@ -99,7 +89,7 @@ pub(crate) fn show(
         }
         ui.add_space(14.0);
         egui::ScrollArea::vertical().show(ui, |ui| {
-            opened_last(ui, recent, commands);
+            recent_files(ui, recent, commands);
             let across = CARD_POINTS.x + CARD_GAP_POINTS;
             let columns =
                 ((ui.available_width() / across) as usize).clamp(1, page.cards.len().max(1));
@@ -121,8 +111,8 @@ pub(crate) fn show(
     });
 }
 
-/// The files opened last, a row each.
-fn opened_last(ui: &mut Ui, recent: &Recent, commands: &mut Vec<Command>) {
+/// Shows the recent files, one row each.
+fn recent_files(ui: &mut Ui, recent: &RecentFiles, commands: &mut Vec<Command>) {
     if recent.paths().next().is_none() {
         return;
     }
@@ -148,7 +138,7 @@ fn opened_last(ui: &mut Ui, recent: &Recent, commands: &mut Vec<Command>) {
     ui.add_space(14.0);
 }
 
-/// One offer, all of which can be clicked; true if it was chosen.
+/// Shows an entry as a card that is clickable everywhere; returns true if it was clicked.
 fn card(ui: &mut Ui, entry: &Entry, picture: Option<&TextureHandle>) -> bool {
     let whole = UiBuilder::new()
         .id_salt(&entry.id)
@@ -175,8 +165,8 @@ fn card(ui: &mut Ui, entry: &Entry, picture: Option<&TextureHandle>) -> bool {
         ui.add_space(14.0);
         name.clicked()
     });
-    let around = card
+    let response = card
         .response
         .on_hover_text(format!("Opens {}: {}", entry.name, entry.description));
-    around.clicked() || card.inner
+    response.clicked() || card.inner
 }

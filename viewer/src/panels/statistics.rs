@@ -6,7 +6,8 @@ use crate::thread::history::{History, add_stages};
 use egui::{Grid, Ui};
 use headbox_core::view::Figure;
 
-/// The rate, the chart, and the figures that the source reports (a column each for A and B).
+/// Shows the frame rate, the chart, and the figures that the source reports (one column each for A
+/// and B).
 pub(crate) fn show(
     ui: &mut Ui,
     info: &SourceInfo,
@@ -49,7 +50,7 @@ pub(crate) fn show(
                 }
                 ui.end_row();
             }
-            // Facts and figures of the left picture: both eyes see nearly the same.
+            // Facts and figures of the left eye: those of the right eye are nearly the same.
             for fact in &shown.pictures[0].report.facts {
                 ui.label(fact.name).on_hover_text(
                     info.term(fact.name)
@@ -76,7 +77,7 @@ pub(crate) fn show(
         });
 }
 
-/// Formats the frame rate; at rest there is none.
+/// Formats the frame rate (omitted at rest) and the latency.
 fn rate(history: &History) -> String {
     let latency = history.median(|f| f.latency_ms).unwrap_or(0.0);
     let per_s = history.shown_per_s();
@@ -99,7 +100,7 @@ fn tooltip(info: &SourceInfo, figure: &Figure) -> String {
     }
 }
 
-/// A figure with its unit: whole numbers whole, others with three or four digits.
+/// Formats a figure with its unit: integers without decimals, others with three or four digits.
 fn value(figure: &Figure) -> String {
     let v = figure.value;
     let number = match v.abs() {

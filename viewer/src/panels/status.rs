@@ -1,12 +1,17 @@
-//! The line below the frame.
+//! Status line below the frame.
 
 use crate::input::pose::Pose;
-use crate::playback::tape::PathRecorder;
+use crate::playback::path_recorder::PathRecorder;
 use crate::thread::exchange::FinishedFrame;
 use egui::{Align, Layout, Ui};
 
 /// Shows the eye's position, the frame's size, and the frame rate.
-pub(crate) fn show(ui: &mut Ui, pose: &Pose, shown: Option<&FinishedFrame>, tape: &PathRecorder) {
+pub(crate) fn show(
+    ui: &mut Ui,
+    pose: &Pose,
+    shown: Option<&FinishedFrame>,
+    recorder: &PathRecorder,
+) {
     ui.horizontal(|ui| {
         let eye = pose.eye;
         ui.monospace(format!("eye {:8.3} {:8.3} {:8.3} m", eye.x, eye.y, eye.z))
@@ -21,11 +26,11 @@ pub(crate) fn show(ui: &mut Ui, pose: &Pose, shown: Option<&FinishedFrame>, tape
                      for the frame.",
                 );
             }
-            if let Some(poses) = tape.recorded() {
+            if let Some(poses) = recorder.recorded() {
                 ui.colored_label(super::theme::WARNING, format!("recording, {poses} poses"))
                     .on_hover_text("The eye's path is being recorded (R stops).");
             }
-            if tape.is_playing() {
+            if recorder.is_playing() {
                 ui.colored_label(super::theme::ACCENT, "replaying").on_hover_text("A path is replayed (Space stops).");
             }
         });

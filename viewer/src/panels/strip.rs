@@ -1,5 +1,5 @@
-//! A strip along the frame's upper edge while something works in the background: what, how far, how
-//! long still.
+//! Progress strip along the frame's upper edge during background work: task, progress, remaining
+//! time.
 
 use crate::panels::theme;
 use egui::{Align2, Color32, FontId, Painter, Rect, pos2, vec2};
@@ -11,7 +11,7 @@ pub(crate) const HEIGHT_POINTS: f32 = 20.0;
 const BAR_POINTS: f32 = 3.0;
 const MARGIN_POINTS: f32 = 8.0;
 
-/// Draws the strip over a frame that fills `rect`, its text from `left` on.
+/// Paints the strip over a frame that fills `rect`; its text starts at `left`.
 pub(crate) fn paint(painter: &Painter, rect: Rect, left: f32, ongoing: &Ongoing) {
     let strip = Rect::from_min_size(rect.min, vec2(rect.width(), HEIGHT_POINTS));
     let painter = painter.with_clip_rect(strip.intersect(painter.clip_rect()));
@@ -29,27 +29,27 @@ pub(crate) fn paint(painter: &Painter, rect: Rect, left: f32, ongoing: &Ongoing)
     painter.text(
         at,
         Align2::LEFT_CENTER,
-        sentence(ongoing),
+        describe(ongoing),
         FontId::proportional(12.0),
         Color32::WHITE,
     );
 }
 
-/// Describes ongoing work: what, progress, remaining time.
-pub(crate) fn sentence(ongoing: &Ongoing) -> String {
-    // What is not done does not say 100 %.
+/// Describes ongoing work: task, progress, remaining time.
+pub(crate) fn describe(ongoing: &Ongoing) -> String {
+    // Unfinished work never shows 100 %.
     let share = format!(
         "{}: {:.0} %",
         ongoing.what,
         (ongoing.share * 100.0).floor().min(99.0)
     );
-    ongoing.left.map_or_else(
-        || share.clone(),
-        |left| format!("{share}, {} left", duration(left)),
-    )
+    match ongoing.left {
+        Some(left) => format!("{share}, {} left", duration(left)),
+        None => share,
+    }
 }
 
-/// Seconds to 90, then minutes.
+/// Formats a duration: seconds up to 90, then minutes.
 fn duration(left: Duration) -> String {
     let s = left.as_secs_f64();
     if s < 90.0 {
@@ -70,17 +70,17 @@ mod tests {
             share,
             left: left_s.map(Duration::from_secs_f64),
         };
-        assert_eq!(sentence(&ongoing(0.0, None)), "light: 0 %");
+        assert_eq!(describe(&ongoing(0.0, None)), "light: 0 %");
         assert_eq!(
-            sentence(&ongoing(0.5, Some(12.4))),
+            describe(&ongoing(0.5, Some(12.4))),
             "light: 50 %, 12 s left"
         );
         assert_eq!(
-            sentence(&ongoing(0.999, Some(0.01))),
+            describe(&ongoing(0.999, Some(0.01))),
             "light: 99 %, 1 s left"
         );
         assert_eq!(
-            sentence(&ongoing(0.1, Some(600.0))),
+            describe(&ongoing(0.1, Some(600.0))),
             "light: 10 %, 10 min left"
         );
     }

@@ -1,36 +1,36 @@
-//! Colours and spacing: dark and quiet, so that the frame is the brightest thing in the window.
+//! Colours and spacing: dark, so that the frame is the brightest part of the window.
 
 use egui::{Color32, Context, CornerRadius, Stroke, TextStyle, Theme, Visuals};
 use std::num::NonZeroUsize;
 
-/// Behind the frame.
+/// Background of the frame.
 pub(crate) const BACKDROP: Color32 = Color32::from_gray(16);
-/// Behind panels.
+/// Background of panels.
 pub(crate) const PANEL: Color32 = Color32::from_rgb(27, 29, 33);
 /// Selection, and the eye in the insets.
 pub(crate) const ACCENT: Color32 = Color32::from_rgb(96, 165, 250);
 /// Warnings: the edge of the headbox, errors.
 pub(crate) const WARNING: Color32 = Color32::from_rgb(248, 113, 113);
-/// Behind the strip of progress.
+/// Background of the progress strip.
 pub(crate) const STRIP: Color32 = Color32::from_rgb(22, 36, 58);
 /// Text of labels: lighter than egui's, which is hard to read beside a bright frame.
 const TEXT: Color32 = Color32::from_gray(190);
-/// Text that matters less.
+/// Secondary text.
 const WEAK: Color32 = Color32::from_gray(150);
-/// Behind what is chosen.
-const CHOSEN: Color32 = Color32::from_rgb(30, 74, 130);
-/// Behind insets: dark enough for their text over a white frame.
+/// Background of the selected item.
+const SELECTED: Color32 = Color32::from_rgb(30, 74, 130);
+/// Background of insets: dark enough for their text over a white frame.
 pub(crate) const INSET: Color32 = Color32::from_black_alpha(190);
 /// Text of insets.
 pub(crate) const INSET_TEXT: Color32 = Color32::from_gray(225);
-/// Behind legends.
+/// Background of legends.
 pub(crate) const LEGEND: Color32 = Color32::from_black_alpha(190);
 /// Lines of drawings.
 pub(crate) const LINE: Color32 = Color32::from_gray(150);
-/// Less important lines; never text.
+/// Secondary lines; never text.
 pub(crate) const FAINT: Color32 = Color32::from_gray(95);
 
-/// Colours of the stages in the chart, told apart by lightness as well as by hue (Tol's "bright"
+/// Colours of the stages in the chart, which differ in lightness as well as in hue (Tol's "bright"
 /// scheme, reordered).
 pub(crate) const STAGES: [Color32; 7] = [
     Color32::from_rgb(68, 119, 170),
@@ -42,15 +42,15 @@ pub(crate) const STAGES: [Color32; 7] = [
     Color32::from_rgb(187, 187, 187),
 ];
 
-/// A colour between two.
+/// Interpolates between two colours; `share` of `b`, 0 to 1.
 pub(crate) fn mix(a: Color32, b: Color32, share: f64) -> Color32 {
     a.lerp_to_gamma(b, share.clamp(0.0, 1.0) as f32)
 }
 
-/// Sets the window's look.
+/// Installs the theme.
 pub(crate) fn install(ctx: &Context) {
-    // A pass moves the eye and obeys keys, so that it must run once per frame, also when a list
-    // appears whose size egui would like to try out first.
+    // A pass moves the eye and executes keys, so it must run once per frame, even where egui would
+    // run another pass to measure a new list.
     if let Some(once) = NonZeroUsize::new(1) {
         ctx.options_mut(|options| options.max_passes = once);
     }
@@ -61,10 +61,10 @@ pub(crate) fn install(ctx: &Context) {
         visuals.window_fill = PANEL;
         visuals.widgets.noninteractive.fg_stroke.color = TEXT;
         visuals.weak_text_color = Some(WEAK);
-        visuals.selection.bg_fill = CHOSEN;
+        visuals.selection.bg_fill = SELECTED;
         visuals.selection.stroke = Stroke::new(1.0, Color32::WHITE);
         visuals.slider_trailing_fill = true;
-        // Headings fold wherever their row is clicked.
+        // A click anywhere in its row folds a heading.
         visuals.collapsing_header_frame = true;
         visuals.window_corner_radius = CornerRadius::same(6);
         style.visuals = visuals;

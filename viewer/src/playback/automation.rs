@@ -1,4 +1,4 @@
-//! A window run by a script: when it ends, its picture, and what it measured.
+//! Scripted run of the window: its end, its screenshot and its outcome.
 
 use crate::playback::export;
 use crate::window::options::{Exit, Summary};
@@ -15,7 +15,7 @@ pub(crate) struct Outcome {
     pub error: Option<String>,
 }
 
-/// The script's end of the window.
+/// State of a scripted run.
 pub(crate) struct Automation {
     exit: Exit,
     screenshot: Option<PathBuf>,
@@ -34,11 +34,11 @@ enum Stage {
 /// State that the script tests after each pass.
 pub(crate) struct Progress<'a> {
     pub frames_shown: u64,
-    /// The replay has ended, and its last frame is on the screen in full.
+    /// True if the replay has ended and its last frame is on the screen at full resolution.
     pub path_done: bool,
-    /// The newest view is on the screen, and cannot become better.
+    /// True if the newest view is on the screen and cannot improve.
     pub refined: bool,
-    /// Every entry of the start page has its picture.
+    /// True if every entry of the start page has its thumbnail.
     pub thumbnails_done: bool,
     /// Error message shown to the user.
     pub error: Option<&'a str>,
@@ -54,7 +54,7 @@ impl Automation {
         }
     }
 
-    /// Returns true if frames must be rendered although nothing changes.
+    /// Returns true if frames must be rendered even if nothing changes.
     pub(crate) fn wants_frames(&self) -> bool {
         matches!(self.exit, Exit::AfterFrames(_)) && self.stage == Stage::Running
     }
@@ -64,7 +64,7 @@ impl Automation {
         self.stage == Stage::Closing
     }
 
-    /// One pass; returns the error that ends the run, if any.
+    /// Runs one pass of the script; returns the error that ends the run, if any.
     pub(crate) fn step(&mut self, ctx: &Context, progress: &Progress<'_>) -> Option<String> {
         if self.exit == Exit::Never || self.is_closing() {
             return None;
@@ -84,7 +84,7 @@ impl Automation {
             if done {
                 self.stage = Stage::Shooting;
                 match self.screenshot.take() {
-                    Some(path) => shoot(ctx, path, Arc::clone(&self.taken)),
+                    Some(path) => save_screenshot(ctx, path, Arc::clone(&self.taken)),
                     None => self.close(ctx),
                 }
             }
@@ -95,16 +95,12 @@ impl Automation {
             .lock()
             .unwrap_or_else(PoisonError::into_inner)
             .take();
-        match taken {
-            Some(result) => {
-                self.close(ctx);
-                result.err()
-            }
-            None => {
-                ctx.request_repaint();
-                None
-            }
+        if let Some(result) = taken {
+            self.close(ctx);
+            return result.err();
         }
+        ctx.request_repaint();
+        None
     }
 
     fn close(&mut self, ctx: &Context) {
@@ -113,8 +109,12 @@ impl Automation {
     }
 }
 
-/// Asks for a picture of the whole window and writes it as PNG; the result goes to `taken`.
-pub(crate) fn shoot(ctx: &Context, path: PathBuf, taken: Arc<Mutex<Option<Result<(), String>>>>) {
+/// Takes a screenshot of the whole window and writes it as PNG; the result goes to `taken`.
+pub(crate) fn save_screenshot(
+    ctx: &Context,
+    path: PathBuf,
+    taken: Arc<Mutex<Option<Result<(), String>>>>,
+) {
     let repaint = ctx.clone();
     ctx.request_screenshot(move |image| {
         let written = export::write_png(&path, image.width(), bytemuck::cast_slice(&image.pixels));

@@ -1,33 +1,32 @@
-//! Poses to and from the camera and path files of [`headbox_scene::camera_path`].
+//! Conversion of poses to and from the camera and path files of [`headbox_scene::camera_path`].
 
 use crate::input::pose::Pose;
 use crate::playback::eye_path::{CameraPath, PathError, TimedPose};
 use glam::DVec3;
 use headbox_core::file_frame::FileFrame;
-use headbox_scene::camera_path;
-use headbox_scene::camera_path::{CameraRecord, PathRecord};
+use headbox_scene::camera_path::{self, CameraRecord, PathRecord};
 use std::path::{Path, PathBuf};
 
-/// Time between poses of a path file that gives no times, seconds.
+/// Time between poses of a path file without times, seconds.
 const DEFAULT_INTERVAL_S: f64 = 1.0 / 30.0;
 
-/// Why a path file could not be replayed.
+/// Error of reading a path file.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum CameraFileError {
-    /// It cannot be read, or is no path.
+    /// The file cannot be read, or is not a path.
     #[error(transparent)]
     File(#[from] camera_path::PathError),
-    /// Its times make no path.
+    /// The times do not increase.
     #[error("{}: {source}", path.display())]
     Times { path: PathBuf, source: PathError },
 }
 
-/// The record of a pose.
+/// Camera record of a pose.
 pub(crate) fn record(pose: &Pose, frame: &FileFrame) -> CameraRecord {
     CameraRecord::new(pose.eye, pose.forward(), pose.up, pose.fov_y_deg, frame)
 }
 
-/// The record of a path whose frames have `size`.
+/// Path record of a path; `size` is the size of its frames, pixels.
 pub(crate) fn path_record(path: &CameraPath, size: [u32; 2], frame: &FileFrame) -> PathRecord {
     let timed = |p: &TimedPose| CameraRecord {
         time_s: Some(p.time_s),
@@ -39,8 +38,8 @@ pub(crate) fn path_record(path: &CameraPath, size: [u32; 2], frame: &FileFrame) 
     }
 }
 
-/// Reads a path file. A roll is not kept, for the eye never rolls: all poses have one `up`. Those
-/// without times follow each other at 30 a second.
+/// Reads a path file. Roll is dropped, since the eye never rolls: all poses have the same `up`.
+/// Poses without times follow each other at 30 per second.
 pub(crate) fn read_path(
     file: &Path,
     frame: &FileFrame,

@@ -1,5 +1,5 @@
-//! Files that the window writes: frames as PNG, cameras and paths as JSON. Each is complete or not
-//! there.
+//! Files that the window writes: frames as PNG, cameras and paths as JSON. A file is written
+//! completely or not at all.
 
 use headbox_core::files;
 use std::io::{self, Write};
@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 /// Writes `pixels` (sRGB, 8 bits per channel, straight alpha, row 0 on top) as a PNG file.
 ///
 /// # Errors
-/// What the system or the encoder said.
+/// The error of the system or of the encoder.
 pub(crate) fn write_png(path: &Path, width: usize, pixels: &[[u8; 4]]) -> io::Result<()> {
     let height = pixels.len().checked_div(width).unwrap_or(0);
     let too_large = |_| {
@@ -32,7 +32,7 @@ pub(crate) fn write_png(path: &Path, width: usize, pixels: &[[u8; 4]]) -> io::Re
 /// Writes `value` as indented JSON.
 ///
 /// # Errors
-/// What the system said.
+/// The error of the system.
 pub(crate) fn write_json(path: &Path, value: &impl serde::Serialize) -> io::Result<()> {
     files::write_whole(path, |file| {
         serde_json::to_writer_pretty(&mut *file, value)?;
@@ -40,7 +40,7 @@ pub(crate) fn write_json(path: &Path, value: &impl serde::Serialize) -> io::Resu
     })
 }
 
-/// `stem-0001.extension` in `dir`, or the first later number that is not taken.
+/// Returns the path `stem-0001.extension` in `dir`, with the first number that does not exist.
 pub(crate) fn free_name(dir: &Path, stem: &str, extension: &str) -> PathBuf {
     let name = |number: u32| dir.join(format!("{stem}-{number:04}.{extension}"));
     (1..u32::MAX)

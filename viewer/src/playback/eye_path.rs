@@ -1,10 +1,10 @@
-//! A recorded or scripted motion of the eye.
+//! Recorded or scripted paths of the eye.
 
 use crate::input::pose::Pose;
 use glam::DVec3;
 use std::f64::consts::TAU;
 
-/// A pose and when it is reached.
+/// A pose and its time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TimedPose {
     /// Seconds since the start of the path.
@@ -13,13 +13,13 @@ pub struct TimedPose {
     pub pose: Pose,
 }
 
-/// Why poses make no path.
+/// Error of constructing a path.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum PathError {
     /// There is no pose.
     #[error("a path needs at least one pose")]
     Empty,
-    /// Times do not grow.
+    /// Times do not increase.
     #[error(
         "pose {0} of the path is not later than the one before it, or its time is not a finite number"
     )]
@@ -31,7 +31,7 @@ pub enum PathError {
 pub struct CameraPath(Vec<TimedPose>);
 
 impl CameraPath {
-    /// A path through `poses`.
+    /// Creates a path through `poses`.
     ///
     /// # Errors
     /// [`PathError`] if there is no pose, or if times are not finite and strictly increasing.
@@ -58,10 +58,10 @@ impl CameraPath {
         self.0[self.0.len() - 1].time_s - self.0[0].time_s
     }
 
-    /// The pose `time_s` seconds after the first one, held at both ends. Position, heading, tilt
-    /// and field of view follow monotone cubics (Fritsch and Carlson 1980): smooth, and never
-    /// outside the range of the two poses around, so that a path inside a box stays inside.
-    /// Headings take the short way round.
+    /// Interpolates the pose `time_s` seconds after the first one, constant beyond both ends.
+    /// Position, heading, tilt and field of view follow monotone cubics (Fritsch and Carlson 1980):
+    /// smooth, and never outside the range of the two neighbouring poses, so that a path inside a
+    /// box stays inside. Headings turn the short way.
     pub fn at(&self, time_s: f64) -> Pose {
         let poses = &self.0;
         let time = poses[0].time_s + time_s;
@@ -79,8 +79,8 @@ impl CameraPath {
             poses.get(after + 1),
         ];
         let heading = poses[after - 1].pose.yaw_rad;
-        let value = |of: &dyn Fn(&Pose) -> f64| {
-            cubic(around.map(|p| p.map(|p| (p.time_s, of(&p.pose)))), time)
+        let value = |get: &dyn Fn(&Pose) -> f64| {
+            cubic(around.map(|p| p.map(|p| (p.time_s, get(&p.pose)))), time)
         };
         let eye = DVec3::new(
             value(&|p| p.eye.x),
@@ -92,18 +92,18 @@ impl CameraPath {
             yaw_rad: value(&|p| heading + short_way(p.yaw_rad - heading)),
             pitch_rad: value(&|p| p.pitch_rad),
             fov_y_deg: value(&|p| p.fov_y_deg),
-            up: next.pose.up, // one for all of a path
+            up: next.pose.up, // the same for all poses of a path
         }
     }
 }
 
-/// The angle, turned by whole turns into [-pi, pi].
+/// Reduces an angle by whole turns to [-pi, pi].
 fn short_way(angle_rad: f64) -> f64 {
     angle_rad - TAU * (angle_rad / TAU).round()
 }
 
-/// Monotone cubic between the two middle knots (time, value); the outer ones, where there are any,
-/// shape the slopes.
+/// Evaluates the monotone cubic between the two middle knots (time, value); the outer knots, if
+/// there are any, determine the slopes.
 fn cubic(knots: [Option<(f64, f64)>; 4], time: f64) -> f64 {
     let [before, Some((t0, v0)), Some((t1, v1)), after] = knots else {
         return f64::NAN;
@@ -115,7 +115,7 @@ fn cubic(knots: [Option<(f64, f64)>; 4], time: f64) -> f64 {
         None => slope,
         Some((other, _)) if other * slope <= 0.0 => 0.0,
         Some((other, other_span)) => {
-            // The weighted harmonic mean, which never exceeds three times the smaller slope.
+            // Weighted harmonic mean: never exceeds three times the smaller slope.
             let (w_here, w_other) = (2.0 * other_span + span, other_span + 2.0 * span);
             (w_here + w_other) / (w_here / slope + w_other / other)
         }
@@ -129,18 +129,18 @@ fn cubic(knots: [Option<(f64, f64)>; 4], time: f64) -> f64 {
         + m1 * (u3 - u2)
 }
 
-/// Collects a path while the eye moves.
+/// Recorder of a path while the eye moves.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Recorder {
     poses: Vec<TimedPose>,
 }
 
 impl Recorder {
-    /// Shortest time between two recorded poses, seconds: finer than any hand moves.
+    /// Minimum time between two recorded poses, seconds: shorter than any movement by hand.
     pub(crate) const INTERVAL_S: f64 = 1.0 / 30.0;
 
-    /// Notes where the eye is, `time_s` seconds after some fixed moment. While the eye stands still
-    /// nothing is stored; the wait is kept by storing where it ended.
+    /// Records the pose `time_s` seconds after a fixed moment. While the eye rests, only the first
+    /// and the last pose of the rest are stored.
     pub(crate) fn record(&mut self, time_s: f64, pose: Pose) {
         match self.poses.as_slice() {
             [.., last] if time_s - last.time_s < Self::INTERVAL_S => {}
@@ -158,7 +158,7 @@ impl Recorder {
         self.poses.len()
     }
 
-    /// The path, its first pose at time 0, or `None` if nothing was recorded.
+    /// Returns the path with its first pose at time 0, or `None` if nothing was recorded.
     pub(crate) fn finish(mut self) -> Option<CameraPath> {
         let start = self.poses.first()?.time_s;
         for pose in &mut self.poses {

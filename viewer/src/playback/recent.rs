@@ -1,37 +1,37 @@
-//! The files opened last, kept from run to run in a small JSON file.
+//! List of recently opened files, stored between runs in a small JSON file.
 
 use std::path::{Path, PathBuf};
 
-/// Files opened last, newest first.
+/// Recently opened files, newest first.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Recent {
+pub(crate) struct RecentFiles {
     paths: Vec<PathBuf>,
     /// File of the list.
     file: Option<PathBuf>,
 }
 
-impl Recent {
-    /// More are forgotten.
-    const MOST: usize = 8;
+impl RecentFiles {
+    /// Maximum number of files in the list.
+    const MAX_FILES: usize = 8;
 
-    /// The list as it was kept; empty if there is none, or something else is in its place.
+    /// Reads the stored list; empty if there is no file or it is not such a list.
     pub(crate) fn read(file: Option<PathBuf>) -> Self {
         let text = file
             .as_ref()
             .and_then(|file| std::fs::read_to_string(file).ok());
-        let kept: Vec<PathBuf> = text
+        let stored: Vec<PathBuf> = text
             .and_then(|text| serde_json::from_str(&text).ok())
             .unwrap_or_default();
         let mut paths = Vec::new();
-        for path in kept.iter().map(|path| canonical(path)) {
-            if paths.len() < Self::MOST && !paths.contains(&path) {
+        for path in stored.iter().map(|path| canonical(path)) {
+            if paths.len() < Self::MAX_FILES && !paths.contains(&path) {
                 paths.push(path);
             }
         }
         Self { paths, file }
     }
 
-    /// Those that still exist.
+    /// Files of the list that still exist.
     pub(crate) fn paths(&self) -> impl Iterator<Item = &Path> {
         self.paths
             .iter()
@@ -39,12 +39,12 @@ impl Recent {
             .filter(|path| path.exists())
     }
 
-    /// Puts a file first. That the list cannot be kept costs a convenience, nothing else.
+    /// Puts a file first, and stores the list. Errors are ignored: the list is only a convenience.
     pub(crate) fn add(&mut self, path: &Path) {
         let path = canonical(path);
         self.paths.retain(|known| *known != path);
         self.paths.insert(0, path);
-        self.paths.truncate(Self::MOST);
+        self.paths.truncate(Self::MAX_FILES);
         if let (Some(file), Ok(text)) = (&self.file, serde_json::to_string(&self.paths)) {
             let _ = file.parent().map(std::fs::create_dir_all);
             let _ = std::fs::write(file, text);
@@ -52,10 +52,11 @@ impl Recent {
     }
 }
 
-/// One name for one file, by whatever way it was opened; of a file that is gone, its whole path.
+/// Canonical path of a file; the absolute path if the file no longer exists.
 fn canonical(path: &Path) -> PathBuf {
-    let whole = || std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
-    std::fs::canonicalize(path).unwrap_or_else(|_| whole())
+    std::fs::canonicalize(path)
+        .or_else(|_| std::path::absolute(path))
+        .unwrap_or_else(|_| path.to_owned())
 }
 
 #[cfg(test)]
@@ -69,11 +70,11 @@ mod tests {
         let kept = dir_path.join("state/recent.json");
         let path = |i: usize| dir_path.join(format!("{i}.ldi"));
         (0..10).for_each(|i| std::fs::write(path(i), "").unwrap());
-        let mut recent = Recent::read(Some(kept.clone()));
+        let mut recent = RecentFiles::read(Some(kept.clone()));
         (0..10).for_each(|i| recent.add(&path(i)));
         recent.add(&path(5));
         std::fs::remove_file(path(9)).unwrap();
-        let found: Vec<_> = Recent::read(Some(kept.clone()))
+        let found: Vec<_> = RecentFiles::read(Some(kept.clone()))
             .paths()
             .map(Path::to_owned)
             .collect();
@@ -83,7 +84,7 @@ mod tests {
             "without the one that is gone"
         );
         std::fs::write(&kept, "{").unwrap();
-        assert_eq!(Recent::read(Some(kept)).paths().count(), 0);
+        assert_eq!(RecentFiles::read(Some(kept)).paths().count(), 0);
     }
     #[test]
     fn one_file_is_one_entry_by_whatever_name_it_is_opened() {
@@ -92,7 +93,7 @@ mod tests {
         std::fs::write(&file, "").unwrap();
         std::fs::create_dir(dir.path().join("folder")).unwrap();
         let kept = dir.path().join("recent.json");
-        let mut recent = Recent::read(Some(kept.clone()));
+        let mut recent = RecentFiles::read(Some(kept.clone()));
         recent.add(&file);
         recent.add(&dir.path().join("folder/../room.ldi"));
         recent.add(&dir.path().join("./room.ldi"));
@@ -105,6 +106,6 @@ mod tests {
         // Lists that were kept before say it in several ways.
         let ways = ["room.ldi", "folder/../room.ldi"].map(|way| dir.path().join(way));
         std::fs::write(&kept, serde_json::to_string(&ways).unwrap()).unwrap();
-        assert_eq!(Recent::read(Some(kept)).paths().count(), 1);
+        assert_eq!(RecentFiles::read(Some(kept)).paths().count(), 1);
     }
 }

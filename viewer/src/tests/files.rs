@@ -79,7 +79,7 @@ fn the_camera_is_saved_in_the_words_of_the_command_line() {
     .unwrap();
     assert_eq!(
         [cameras[0].width(), cameras[0].height()],
-        window.state().wish.as_ref().unwrap().size_px
+        window.state().view_request.as_ref().unwrap().size_px
     );
     assert!(
         cameras[0]
@@ -117,13 +117,13 @@ fn what_was_recorded_is_replayed_and_saved() {
     settle(&mut window);
     let end = window.state().eye.pose;
     press(&mut window, Key::R);
-    assert!(window.state().tape.path.is_some());
+    assert!(window.state().path_recorder.path.is_some());
     press(&mut window, Key::Home);
     press(&mut window, Key::Space);
     window.run_steps(2);
-    assert!(window.state().tape.is_playing());
+    assert!(window.state().path_recorder.is_playing());
     wait(&mut window, "the end of the replay", |viewer| {
-        viewer.path_ended
+        viewer.replay_ended
     });
     assert_eq!(window.state().eye.pose, end);
     click(&mut window, "Record");
@@ -142,7 +142,14 @@ fn what_was_recorded_is_replayed_and_saved() {
     .unwrap();
     assert_eq!(
         path.poses().len(),
-        window.state().tape.path.as_ref().unwrap().poses().len()
+        window
+            .state()
+            .path_recorder
+            .path
+            .as_ref()
+            .unwrap()
+            .poses()
+            .len()
     );
 }
 
@@ -186,7 +193,7 @@ fn a_path_is_rendered_to_frames() {
     };
     let mut window = room_with(Kind::Headbox, options);
     wait(&mut window, "the end of the replay", |viewer| {
-        viewer.path_ended
+        viewer.replay_ended
     });
     click(&mut window, "Record");
     click(&mut window, "Render path");
@@ -198,7 +205,7 @@ fn a_path_is_rendered_to_frames() {
     let last = image::open(frames.join("frame-00004.png")).unwrap();
     assert_eq!(
         [last.width(), last.height()],
-        window.state().wish.as_ref().unwrap().size_px
+        window.state().view_request.as_ref().unwrap().size_px
     );
 }
 
@@ -240,7 +247,7 @@ fn a_path_that_leaves_the_headbox_is_shown_and_said() {
         },
     );
     wait(&mut window, "the end of the replay", |viewer| {
-        viewer.path_ended
+        viewer.replay_ended
     });
     assert!(
         texts(&window)[0].starts_with("2 poses of the path are outside"),

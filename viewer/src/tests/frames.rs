@@ -13,20 +13,23 @@ fn the_frame_on_the_screen_is_the_newest_view_in_window_pixels() {
     settle(&mut window);
     let viewer = window.state();
     let shown = viewer.shown.as_ref().unwrap();
-    let wish = viewer.wish.as_ref().unwrap();
-    assert_eq!(shown.pictures[0].image.size.map(|s| s as u32), wish.size_px);
+    let request = viewer.view_request.as_ref().unwrap();
+    assert_eq!(
+        shown.pictures[0].image.size.map(|s| s as u32),
+        request.size_px
+    );
     assert_eq!(
         shown.job.cameras[0],
         viewer
             .eye
             .pose
-            .camera(wish.size_px[0], wish.size_px[1])
+            .camera(request.size_px[0], request.size_px[1])
             .unwrap()
     );
     assert!(
-        wish.size_px[1] > 1300,
+        request.size_px[1] > 1300,
         "the scale of the display counts: {:?}",
-        wish.size_px
+        request.size_px
     );
     let middle = shown.pictures[0].image.pixels[shown.pictures[0].image.pixels.len() / 2];
     assert_eq!(middle.a(), 255);
@@ -36,7 +39,7 @@ fn the_frame_on_the_screen_is_the_newest_view_in_window_pixels() {
 fn stereo_shows_two_eyes_side_by_side() {
     let mut window = room();
     settle(&mut window);
-    let whole = window.state().wish.as_ref().unwrap().size_px;
+    let whole = window.state().view_request.as_ref().unwrap().size_px;
     press(&mut window, Key::X);
     settle(&mut window);
     assert_eq!(window.state().display.stereo, Stereo::CrossEyed);
@@ -95,7 +98,7 @@ fn the_divider_can_be_dragged() {
     let pose = window.state().eye.pose;
     // But for a margin of the harness's.
     let frame_right = SIZE_POINTS[0] - 8.0;
-    let frame_width = window.state().wish.as_ref().unwrap().size_px[0] as f32;
+    let frame_width = window.state().view_request.as_ref().unwrap().size_px[0] as f32;
     let middle = egui::pos2(frame_right - frame_width / 2.0, 500.0);
     window.drag_at(middle);
     window.step();
@@ -134,7 +137,7 @@ fn slow_frames_lose_pixels_only_while_moving() {
     assert_eq!(shown.job.scale, 1.0);
     assert_eq!(
         shown.pictures[0].image.size.map(|s| s as u32),
-        viewer.wish.as_ref().unwrap().size_px
+        viewer.view_request.as_ref().unwrap().size_px
     );
 }
 

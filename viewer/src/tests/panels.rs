@@ -82,14 +82,17 @@ fn f1_lists_the_keys_and_escape_closes_the_list() {
 fn panels_can_be_hidden_and_the_frame_takes_their_place() {
     let mut window = room();
     settle(&mut window);
-    let narrow = window.state().wish.as_ref().unwrap().size_px;
+    let narrow = window.state().view_request.as_ref().unwrap().size_px;
     press(&mut window, Key::H);
     settle(&mut window);
     assert!(window.query_by_label("Lamp").is_none());
-    assert!(window.state().wish.as_ref().unwrap().size_px[0] > narrow[0] + 200);
+    assert!(window.state().view_request.as_ref().unwrap().size_px[0] > narrow[0] + 200);
     press(&mut window, Key::H);
     settle(&mut window);
-    assert_eq!(window.state().wish.as_ref().unwrap().size_px, narrow);
+    assert_eq!(
+        window.state().view_request.as_ref().unwrap().size_px,
+        narrow
+    );
 }
 
 #[test]
@@ -170,7 +173,7 @@ fn in_a_narrow_window_the_panel_folds_away_and_lies_over_the_frame() {
     let mut window = room();
     window.set_size([480.0, 360.0].into());
     settle(&mut window);
-    let size_px = |window: &Window| window.state().wish.as_ref().unwrap().size_px;
+    let size_px = |window: &Window| window.state().view_request.as_ref().unwrap().size_px;
     // But for a margin of the harness's.
     let whole = [480 - 16, 360 - 16];
     assert_eq!(size_px(&window), whole, "the frame has all of the window");
@@ -218,12 +221,12 @@ fn the_path_field_goes_to_folders_and_opens_files() {
     let dir = tempfile::tempdir().unwrap();
     std::fs::write(dir.path().join("ball.room"), "ball").unwrap();
     let mut list = crate::panels::open::OpenList::default();
-    assert_eq!(list.take_path(dir.path().to_str().unwrap()), None);
+    assert_eq!(list.enter_path(dir.path().to_str().unwrap()), None);
     assert_eq!(
-        list.take_path("ball.room"),
+        list.enter_path("ball.room"),
         Some(dir.path().join("ball.room"))
     );
-    assert_eq!(list.take_path("none.room"), None);
+    assert_eq!(list.enter_path("none.room"), None);
 }
 
 /// Clicks at a place, as a hand does.
@@ -272,7 +275,7 @@ fn a_row_is_clicked_anywhere_along_it() {
     window
         .state_mut()
         .open_list
-        .take_path(dir.path().to_str().unwrap());
+        .enter_path(dir.path().to_str().unwrap());
     window.run_steps(3);
     let row = window.get_by_label("ball.room").rect();
     assert!(row.width() > 300.0, "{row:?}");

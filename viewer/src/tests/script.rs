@@ -43,7 +43,7 @@ fn the_window_closes_after_the_thumbnails() {
     wait(&mut window, "the end", |viewer| {
         viewer.automation.is_closing()
     });
-    assert!(window.state().start_page.is_pictured());
+    assert!(window.state().start_page.has_all_thumbnails());
 }
 
 #[test]

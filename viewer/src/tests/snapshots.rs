@@ -131,7 +131,7 @@ fn start_page() {
         },
     );
     wait(&mut page.window, "the thumbnails", |viewer| {
-        viewer.start_page.is_pictured()
+        viewer.start_page.has_all_thumbnails()
     });
     page.compare("start_page");
 }
@@ -196,7 +196,7 @@ fn a_window_of_next_to_no_size_is_laid_out() {
     ] {
         room.window.set_size(size.into());
         settle(&mut room.window);
-        let [width, height] = room.window.state().wish.as_ref().unwrap().size_px;
+        let [width, height] = room.window.state().view_request.as_ref().unwrap().size_px;
         assert!(
             width >= 1 && height >= 1 && width <= 900 && height <= 680,
             "{width}x{height} px"
@@ -204,7 +204,7 @@ fn a_window_of_next_to_no_size_is_laid_out() {
     }
     // The panel keeps the width that it last had room for.
     assert!(
-        room.window.state().wish.as_ref().unwrap().size_px[0] > 500,
+        room.window.state().view_request.as_ref().unwrap().size_px[0] > 500,
         "the frame has its place again"
     );
 }

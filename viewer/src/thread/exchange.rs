@@ -8,8 +8,7 @@ use crate::thread::slot::{Inbox, Slot};
 use egui::{Color32, ColorImage};
 use headbox_core::camera::Camera;
 use headbox_core::file_frame::FileFrame;
-use headbox_core::view::{FrameReport, Navigation, RoomMap};
-use headbox_core::view::{Setting, SettingValues};
+use headbox_core::view::{FrameReport, Navigation, RoomMap, Setting, SettingValues};
 use std::{
     path::PathBuf,
     sync::{Arc, Mutex, PoisonError},
@@ -25,21 +24,21 @@ pub(crate) enum Location {
     File(PathBuf),
 }
 
-/// Work that is never skipped.
+/// Request that is never skipped.
 pub(crate) enum Order {
-    /// Replace the source.
+    /// Replaces the source.
     Open(Location),
-    /// Let go of the source.
+    /// Closes the source.
     Close,
-    /// Press a button of the source's panel.
+    /// Executes a button of the source's panel.
     Act(&'static str),
-    /// Render a path to PNG files.
+    /// Renders a path to PNG files.
     Export(ExportOrder),
-    /// Leave the rest of the running export.
+    /// Cancels the running export.
     CancelExport,
 }
 
-/// A path to be written as frames.
+/// Export of a path: one PNG file per pose.
 pub(crate) struct ExportOrder {
     pub path: CameraPath,
     pub size: [u32; 2],
@@ -47,29 +46,29 @@ pub(crate) struct ExportOrder {
     pub dir: PathBuf,
 }
 
-/// A view to render: for each camera, one picture per setting set.
+/// View to render: for each camera, one picture per setting set.
 #[derive(Clone, Debug)]
 pub(crate) struct Job {
-    /// Source for which it was meant.
+    /// Id of the source that the window showed.
     pub source_id: u64,
-    /// Number of the job, counted by the window.
+    /// Serial number of the job.
     pub number: u64,
-    /// From left to right on the screen.
+    /// Cameras from left to right on the screen.
     pub cameras: Vec<Camera>,
     /// A, or A and B.
     pub sets: Vec<Arc<SettingValues>>,
     pub moving: bool,
-    /// Share of each side of the frame that is rendered.
+    /// Scale of each side of the frame relative to the viewport, at most 1.
     pub scale: f64,
-    /// When the window first wished for this view.
+    /// Time of the request.
     pub issued: Instant,
-    /// Number of times it was rendered before (for a source that converges).
+    /// Number of earlier renderings of this job (for a source that converges).
     pub round: u32,
-    /// Index of the replayed pose, if every pose is to be shown.
+    /// Index of the replayed pose, if every pose must be shown.
     pub replayed: Option<usize>,
 }
 
-/// One rendered picture with what the source said about it.
+/// One rendered image and its report.
 #[derive(Clone)]
 pub(crate) struct Picture {
     pub image: Arc<ColorImage>,
@@ -100,7 +99,7 @@ pub(crate) struct SourceInfo {
 }
 
 impl SourceInfo {
-    /// The sentence behind a term.
+    /// Returns the explanation of a term.
     pub(crate) fn term(&self, name: &str) -> Option<&'static str> {
         self.terms
             .iter()
@@ -108,7 +107,7 @@ impl SourceInfo {
             .map(|(_, sentence)| *sentence)
     }
 
-    pub(crate) fn of(source: &dyn FrameSource, id: u64) -> Self {
+    pub(crate) fn new(source: &dyn FrameSource, id: u64) -> Self {
         Self {
             id,
             title: source.title(),
@@ -125,26 +124,26 @@ impl SourceInfo {
     }
 }
 
-/// News from the thread.
+/// Event from the render thread to the window.
 pub(crate) enum Event {
     /// A source is ready.
     Opened(Box<SourceInfo>),
-    /// Opening failed; what was shown before stays.
+    /// Opening failed; the previous source stays.
     OpenFailed(String),
-    /// The source broke down and is gone.
+    /// The source panicked and was dropped.
     Lost(String),
-    /// Something did not work.
+    /// Error message.
     Error(String),
-    /// Something was done.
+    /// Confirmation message.
     Done(String),
     /// Entries of the start page, and the extensions of files that can be opened.
-    Offers {
+    Library {
         entries: Vec<Entry>,
         extensions: Vec<String>,
     },
-    /// The picture of an entry.
+    /// Thumbnail of an entry.
     Thumbnail { id: String, thumbnail: Thumbnail },
-    /// Frames written by the running export, `None` when it has ended.
+    /// Number of frames written and total number, of the running export; `None` when it has ended.
     Exported(Option<[usize; 2]>),
 }
 
@@ -157,7 +156,7 @@ pub(crate) struct Shared {
 }
 
 impl Shared {
-    /// A pixel buffer of `len` pixels, a used one if there is one.
+    /// Returns a buffer of `len` pixels, from the pool if possible.
     pub(crate) fn buffer(&self, len: usize) -> Vec<Color32> {
         let used = self
             .pool
@@ -169,7 +168,7 @@ impl Shared {
         buffer
     }
 
-    /// Gives the buffers of pictures that nobody else holds back to the renderer.
+    /// Returns the buffers of pictures that are not shared to the pool.
     pub(crate) fn recycle(&self, pictures: impl IntoIterator<Item = Picture>) {
         let buffers = pictures
             .into_iter()
@@ -179,7 +178,7 @@ impl Shared {
         pool.truncate(Self::MAX_POOLED);
     }
 
-    /// Two frames of four pictures (stereo, A and B).
+    /// Maximum number of pooled buffers: two frames of four pictures (stereo, A and B).
     const MAX_POOLED: usize = 8;
 }
 

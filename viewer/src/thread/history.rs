@@ -1,4 +1,4 @@
-//! The times of the last frames, for the rolling chart and the frame rate.
+//! Times of the last frames, for the rolling chart and the frame rate.
 
 use headbox_core::statistics::median;
 use headbox_core::view::Stage;
@@ -7,29 +7,29 @@ use std::collections::VecDeque;
 /// Times of one shown frame.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct FrameTimes {
-    /// When it was shown, seconds on any steady clock.
+    /// Time of display, seconds on any monotonic clock.
     pub shown_s: f64,
     /// Wall time of rendering all its pictures, ms.
     pub render_ms: f64,
-    /// From the wish for this view to its appearance, ms.
+    /// Time from the request of this view to its display, ms.
     pub latency_ms: f64,
     /// Time by stage, as the source reports it.
     pub stages: Vec<Stage>,
 }
 
-/// A ring of the last frames.
+/// Ring buffer of the last frames.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct History {
     frames: VecDeque<FrameTimes>,
 }
 
 impl History {
-    /// Frames kept.
+    /// Maximum number of frames.
     pub(crate) const CAPACITY: usize = 120;
-    /// The frame rate is an average over the frames of this many last seconds.
+    /// Averaging window of the frame rate, seconds.
     const RATE_WINDOW_S: f64 = 1.0;
 
-    /// Appends a frame, forgetting the oldest if full.
+    /// Appends a frame; drops the oldest if full.
     pub(crate) fn push(&mut self, frame: FrameTimes) {
         if self.frames.len() == Self::CAPACITY {
             self.frames.pop_front();
@@ -37,7 +37,7 @@ impl History {
         self.frames.push_back(frame);
     }
 
-    /// Forgets all frames.
+    /// Removes all frames.
     pub(crate) fn clear(&mut self) {
         self.frames.clear();
     }
@@ -49,7 +49,7 @@ impl History {
         self.frames.iter()
     }
 
-    /// Frames per second shown over the last second before the newest frame, or 0 if too few.
+    /// Frame rate over the last second before the newest frame, or 0 if there are too few frames.
     pub(crate) fn shown_per_s(&self) -> f64 {
         let Some(newest) = self.frames.back() else {
             return 0.0;
@@ -81,13 +81,13 @@ impl History {
         names
     }
 
-    /// Median over the frames kept of `value`, or `None` if there is no frame.
+    /// Median of `value` over the stored frames, or `None` if there is none.
     pub(crate) fn median(&self, value: impl Fn(&FrameTimes) -> f64) -> Option<f64> {
         median(self.frames.iter().map(value))
     }
 }
 
-/// Adds `stages` to `sum`, name by name.
+/// Adds the times of `stages` to those of the same name in `sum`.
 pub(crate) fn add_stages(sum: &mut Vec<Stage>, stages: &[Stage]) {
     for stage in stages {
         match sum.iter_mut().find(|s| s.name == stage.name) {
@@ -97,8 +97,7 @@ pub(crate) fn add_stages(sum: &mut Vec<Stage>, stages: &[Stage]) {
     }
 }
 
-/// The smallest of 1, 2, 5 times a power of ten that is at least `value`: the top of a chart's
-/// axis.
+/// Smallest of 1, 2, 5 times a power of ten that is at least `value`: the maximum of a chart axis.
 pub(crate) fn nice_ceiling(value: f64) -> f64 {
     if !(value > 0.0 && value.is_finite()) {
         return 1.0;

@@ -1,34 +1,34 @@
-//! Dynamic resolution: number of pixels to request while the eye moves, so that the frame rate
-//! holds.
+//! Dynamic resolution: scale of the frame while the eye moves, chosen to keep the frame rate.
 
 use std::collections::HashMap;
 
-/// The resolutions tried while moving, as shares of each side of the frame.
+/// Scales of each side of the frame that are tried while moving.
 pub(crate) const SCALES: [f64; 5] = [1.0, 0.75, 0.5, 0.375, 0.25];
 
-/// A lower step must save at least this share of the time, or it is not worth its blur (an
-/// image-based renderer may spend its time on depth pixels that do not become fewer).
+/// Minimum share of the frame time that a lower scale must save. Less is not worth the blur: the
+/// time of an image-based renderer may depend on depth pixels rather than frame pixels.
 const MIN_SAVING: f64 = 0.15;
-/// A higher step is tried again only if it would fit into this share of the target.
+/// Share of the target time that a higher scale may take by prediction to be tried again.
 const HEADROOM: f64 = 0.8;
 /// Weight of the newest time in the running mean.
 const NEWEST_WEIGHT: f64 = 0.25;
 
-/// Chooses the resolution while moving from the times of earlier frames.
+/// Choice of the scale while moving, from the times of earlier frames.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct ResolutionPolicy {
+    /// Index into [`SCALES`].
     step: usize,
     /// Running mean of the render time at each step tried, ms.
     mean_ms: HashMap<usize, f64>,
 }
 
 impl ResolutionPolicy {
-    /// The share of each side of the frame to render at while moving.
+    /// Scale of each side of the frame while moving.
     pub(crate) fn moving_scale(&self) -> f64 {
         SCALES[self.step]
     }
 
-    /// Learns that a frame at `scale` took `ms`, and chooses the next step for frames of at most
+    /// Adds the time `ms` of a frame at `scale`, and chooses the next step for frames of at most
     /// `target_ms`.
     pub(crate) fn observe(&mut self, scale: f64, ms: f64, target_ms: f64) {
         let Some(step) = SCALES.iter().position(|s| *s == scale) else {
@@ -41,7 +41,7 @@ impl ResolutionPolicy {
         }
     }
 
-    /// Forgets everything (other settings, another window size).
+    /// Discards all times (other settings, another window size).
     pub(crate) fn reset(&mut self) {
         *self = Self::default();
     }

@@ -1,7 +1,7 @@
-//! The render thread and the window's end of it.
+//! The window's handle of the render thread.
 //!
-//! The window asks for the newest view and shows the latest finished frame; neither side waits for
-//! the other. Everything slow (opening, rendering, writing path frames, thumbnails) happens on the
+//! The window requests the newest view and shows the latest finished frame; neither side waits for
+//! the other. Everything slow (opening, rendering, writing path frames, thumbnails) runs on the
 //! thread.
 
 use crate::source::{FrameSource, Library, PendingSource};
@@ -13,22 +13,13 @@ use std::{
     time::Instant,
 };
 
-/// Something that is being opened.
+/// A file or scene that is being opened.
 pub(crate) struct Opening {
-    pub what: String,
+    pub name: String,
     pub since: Instant,
 }
 
-impl Opening {
-    pub(crate) fn begin(what: String) -> Self {
-        Self {
-            what,
-            since: Instant::now(),
-        }
-    }
-}
-
-/// The window's end of the render thread. Dropping it waits for the frame and the files in hand.
+/// The window's handle of the render thread. Dropping it waits for unfinished frames and files.
 pub(crate) struct Session {
     shared: Arc<Shared>,
     sender: mpsc::Sender<Event>,
@@ -38,7 +29,7 @@ pub(crate) struct Session {
 }
 
 impl Session {
-    /// Starts the thread; `wake` is called whenever there is news.
+    /// Starts the thread; `wake` is called for every event and finished frame.
     pub(crate) fn start(
         source: Option<Box<dyn FrameSource>>,
         coming: Option<PendingSource>,
@@ -67,41 +58,40 @@ impl Session {
         })
     }
 
-    /// Asks for a view in place of any that was not begun.
+    /// Requests a view; replaces a request that was not started.
     pub(crate) fn request(&self, job: Job) {
         self.shared.inbox.put_job(job);
     }
 
-    /// Gives an order.
+    /// Queues an order.
     pub(crate) fn order(&self, order: Order) {
         self.shared.inbox.push_order(order);
     }
 
-    /// The latest finished frame, if it was not taken before.
-    pub(crate) fn latest(&self) -> Option<FinishedFrame> {
+    /// Takes the latest finished frame, if it was not taken before.
+    pub(crate) fn take_frame(&self) -> Option<FinishedFrame> {
         self.shared.finished.take()
     }
 
-    /// The oldest piece of news not yet read.
-    pub(crate) fn news(&self) -> Option<Event> {
+    /// Takes the oldest event that was not yet read.
+    pub(crate) fn next_event(&self) -> Option<Event> {
         self.events.try_recv().ok()
     }
 
-    /// Gives pictures back for reuse.
+    /// Returns the buffers of pictures to the pool.
     pub(crate) fn recycle(&self, pictures: Vec<Picture>) {
         self.shared.recycle(pictures);
     }
 
-    /// Does something slow (writing a file) on a thread of its own and tells the outcome as a
-    /// message.
-    pub(crate) fn in_background(
+    /// Runs slow work (writing a file) on its own thread and reports the outcome as a message.
+    pub(crate) fn run_in_background(
         &mut self,
         work: impl FnOnce() -> Result<String, String> + Send + 'static,
     ) {
         self.threads.retain(|thread| !thread.is_finished());
         let (sender, wake) = (self.sender.clone(), Arc::clone(&self.wake));
         let spawned = Builder::new().name("file".into()).spawn(move || {
-            // The window may be gone already; then nobody needs to know.
+            // Fails only if the window is closed: then the message is not needed.
             let _ = sender.send(work().map_or_else(Event::Error, Event::Done));
             wake();
         });
@@ -121,7 +111,7 @@ impl Drop for Session {
     fn drop(&mut self) {
         self.shared.inbox.close();
         for thread in self.threads.drain(..) {
-            // A panic there has been reported as a message already.
+            // A panic of the thread has already been reported as a message.
             let _ = thread.join();
         }
     }

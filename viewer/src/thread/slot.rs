@@ -1,10 +1,10 @@
-//! Hand-over between the window and the render thread, where only the newest counts.
+//! Channels between the window and the render thread that keep only the newest value.
 
 use std::collections::VecDeque;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
-/// Holds at most one value: the newest. Neither side ever waits for the other.
+/// Channel that holds at most one value, the newest. Neither side waits for the other.
 #[derive(Debug)]
 pub(crate) struct Slot<T>(Mutex<Option<T>>);
 
@@ -15,19 +15,18 @@ impl<T> Default for Slot<T> {
 }
 
 impl<T> Slot<T> {
-    /// Stores `value` and hands back the one that nobody took, for reuse.
+    /// Stores `value` and returns the previous one, if it was not taken, for reuse.
     pub(crate) fn put(&self, value: T) -> Option<T> {
         lock(&self.0).replace(value)
     }
 
-    /// Takes the newest value, if there is one that has not been taken.
+    /// Takes the newest value, if it was not taken before.
     pub(crate) fn take(&self) -> Option<T> {
         lock(&self.0).take()
     }
 }
 
-/// Requests to the render thread: orders, each of which counts, and jobs, of which only the newest
-/// does.
+/// Requests to the render thread: a queue of orders, and the newest job.
 #[derive(Debug)]
 pub(crate) struct Inbox<Order, Job> {
     state: Mutex<InboxState<Order, Job>>,
@@ -56,9 +55,9 @@ pub(crate) enum Next<Order, Job> {
     Order(Order),
     /// The newest job.
     Job(Job),
-    /// Nothing, for as long as was waited.
+    /// The timeout expired.
     Nothing,
-    /// The other side is gone.
+    /// The inbox is closed.
     Closed,
 }
 
@@ -89,18 +88,18 @@ impl<Order, Job> Inbox<Order, Job> {
         self.changed.notify_one();
     }
 
-    /// Returns true if no more requests will come.
+    /// Returns true after [`Self::close`].
     pub(crate) fn is_closed(&self) -> bool {
         lock(&self.state).closed
     }
 
-    /// Ends every wait, now and later.
+    /// Closes the inbox: ends all current and future waits.
     pub(crate) fn close(&self) {
         lock(&self.state).closed = true;
         self.changed.notify_all();
     }
 
-    /// The next thing to do.
+    /// Takes the next request.
     pub(crate) fn next(&self, wait: Wait) -> Next<Order, Job> {
         let mut state = lock(&self.state);
         loop {
@@ -136,8 +135,7 @@ impl<Order, Job> Inbox<Order, Job> {
     }
 }
 
-/// A panic elsewhere leaves whole values here (nothing is changed in place), so a poisoned lock is
-/// still good.
+/// Locks the mutex. A poisoned lock is still valid: values are replaced as a whole.
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -9,8 +9,7 @@ use crate::thread::exchange::{
 use crate::thread::slot::{Next, Wait};
 use egui::ColorImage;
 use headbox_core::camera::Camera;
-use headbox_core::view::SettingValues;
-use headbox_core::view::{FrameRequest, Refinement};
+use headbox_core::view::{FrameRequest, Refinement, SettingValues};
 use std::{
     any::Any,
     panic::{AssertUnwindSafe, catch_unwind},
@@ -25,17 +24,17 @@ pub(crate) struct Worker {
     wake: WakeCallback,
     source: Option<Box<dyn FrameSource>>,
     coming: Option<PendingSource>,
-    /// Counts sources, so that jobs meant for an earlier one are known.
+    /// Number of sources so far: a job for an earlier one is dropped.
     source_id: u64,
     library: Option<Box<dyn Library>>,
-    /// Entries of the start page that have no picture yet, last first.
-    unpictured: Vec<Entry>,
-    /// The job to render again because its frame can become better, and when.
-    again: Option<(Job, Instant)>,
+    /// Entries of the start page that have no thumbnail yet, last first.
+    without_thumbnail: Vec<Entry>,
+    /// Job to render again because its frame can improve, and the time to do so.
+    refinement: Option<(Job, Instant)>,
     export: Option<Export>,
 }
 
-/// An export under way.
+/// A running export.
 struct Export {
     order: ExportOrder,
     next: usize,
@@ -50,7 +49,6 @@ impl Worker {
         coming: Option<PendingSource>,
         library: Option<Box<dyn Library>>,
     ) -> Self {
-        let (unpictured, again, export) = (Vec::new(), None, None);
         Self {
             shared,
             events,
@@ -59,13 +57,13 @@ impl Worker {
             coming,
             source_id: 0,
             library,
-            unpictured,
-            again,
-            export,
+            without_thumbnail: Vec::new(),
+            refinement: None,
+            export: None,
         }
     }
 
-    /// Works until the window closes the inbox. The newest view goes first, then exports,
+    /// Runs until the window closes the inbox. The newest view has priority, then exports,
     /// refinement and thumbnails.
     pub(crate) fn run(mut self) {
         if let Some(source) = self.source.take() {
@@ -73,8 +71,8 @@ impl Worker {
         }
         if let Some(library) = &self.library {
             let (entries, extensions) = (library.entries(), library.extensions());
-            self.unpictured = entries.iter().rev().cloned().collect();
-            self.tell(Event::Offers {
+            self.without_thumbnail = entries.iter().rev().cloned().collect();
+            self.send(Event::Library {
                 entries,
                 extensions,
             });
@@ -83,12 +81,12 @@ impl Worker {
             self.await_source(&coming);
         }
         loop {
-            match self.shared.inbox.next(self.patience()) {
+            match self.shared.inbox.next(self.wait_for_request()) {
                 Next::Closed => return,
-                Next::Order(order) => self.obey(order),
+                Next::Order(order) => self.execute(order),
                 Next::Job(job) => self.render(job),
                 Next::Nothing if self.export.is_some() => self.export_step(),
-                Next::Nothing => match self.again.take() {
+                Next::Nothing => match self.refinement.take() {
                     Some((job, _)) => self.render(job),
                     None => self.thumbnail_step(),
                 },
@@ -96,73 +94,72 @@ impl Worker {
         }
     }
 
-    /// Waits for a source that is opened elsewhere, or for the end of the window.
+    /// Waits for a source that another thread opens, or until the window is closed.
     fn await_source(&mut self, coming: &PendingSource) {
-        /// Between two looks at whether the window was closed.
-        const LOOK: Duration = Duration::from_millis(50);
+        /// Interval of the test whether the window was closed.
+        const POLL: Duration = Duration::from_millis(50);
         while !self.shared.inbox.is_closed() {
-            match coming.source.recv_timeout(LOOK) {
+            match coming.source.recv_timeout(POLL) {
                 Err(mpsc::RecvTimeoutError::Timeout) => {}
                 Err(mpsc::RecvTimeoutError::Disconnected) => {
-                    return self.tell(Event::OpenFailed(format!(
+                    return self.send(Event::OpenFailed(format!(
                         "{} could not be opened.",
                         coming.name
                     )));
                 }
                 Ok(Ok(source)) => return self.install(source),
-                Ok(Err(error)) => return self.tell(Event::OpenFailed(error)),
+                Ok(Err(error)) => return self.send(Event::OpenFailed(error)),
             }
         }
     }
 
-    /// Time to wait for a newer request.
-    fn patience(&self) -> Wait {
-        match &self.again {
+    /// Timeout of the wait for the next request.
+    fn wait_for_request(&self) -> Wait {
+        match &self.refinement {
             _ if self.export.is_some() || self.wants_thumbnail() => Wait::No,
             Some((_, due)) => Wait::Until(*due),
             None => Wait::Forever,
         }
     }
 
-    fn tell(&self, event: Event) {
-        // The window may be gone already; then nobody needs to know.
+    fn send(&self, event: Event) {
+        // Fails only if the window is closed: then the event is not needed.
         let _ = self.events.send(event);
         (self.wake)();
     }
 
     fn install(&mut self, source: Box<dyn FrameSource>) {
         self.source_id += 1;
-        (self.again, self.export) = (None, None);
-        let info = guarded(|| SourceInfo::of(&*source, self.source_id));
-        match info {
+        (self.refinement, self.export) = (None, None);
+        match catch_panic(|| SourceInfo::new(&*source, self.source_id)) {
             Ok(info) => {
                 self.source = Some(source);
-                self.tell(Event::Opened(Box::new(info)));
+                self.send(Event::Opened(Box::new(info)));
             }
-            Err(panic) => self.tell(Event::OpenFailed(panic)),
+            Err(panic) => self.send(Event::OpenFailed(panic)),
         }
     }
 
-    fn obey(&mut self, order: Order) {
+    fn execute(&mut self, order: Order) {
         match order {
             Order::Open(location) => match self.open(&location) {
                 Ok(source) => self.install(source),
-                Err(error) => self.tell(Event::OpenFailed(error)),
+                Err(error) => self.send(Event::OpenFailed(error)),
             },
-            Order::Close => (self.source, self.again, self.export) = (None, None, None),
+            Order::Close => (self.source, self.refinement, self.export) = (None, None, None),
             Order::Act(action) => {
                 if let Some(source) = &mut self.source {
-                    match guarded(|| source.act(action)) {
-                        Ok(Ok(done)) => self.tell(Event::Done(done)),
-                        Ok(Err(error)) => self.tell(Event::Error(error)),
-                        Err(panic) => self.lose(panic),
+                    match catch_panic(|| source.act(action)) {
+                        Ok(Ok(done)) => self.send(Event::Done(done)),
+                        Ok(Err(error)) => self.send(Event::Error(error)),
+                        Err(panic) => self.drop_source(panic),
                     }
                 }
             }
             Order::Export(order) => self.export = Some(Export { order, next: 0 }),
             Order::CancelExport => {
                 if self.export.take().is_some() {
-                    self.tell(Event::Exported(None));
+                    self.send(Event::Exported(None));
                 }
             }
         }
@@ -174,20 +171,20 @@ impl Worker {
             .as_mut()
             .ok_or("This window shows one view only and opens no other.")?;
         let opened = match location {
-            Location::Entry(id) => guarded(|| library.open_entry(id)),
-            Location::File(path) => guarded(|| library.open_file(path)),
+            Location::Entry(id) => catch_panic(|| library.open_entry(id)),
+            Location::File(path) => catch_panic(|| library.open_file(path)),
         };
         opened.and_then(|result| result)
     }
 
     /// Drops a source whose state is unknown after a panic.
-    fn lose(&mut self, panic: String) {
-        (self.source, self.again, self.export) = (None, None, None);
-        self.tell(Event::Lost(panic));
+    fn drop_source(&mut self, panic: String) {
+        (self.source, self.refinement, self.export) = (None, None, None);
+        self.send(Event::Lost(panic));
     }
 
     fn render(&mut self, mut job: Job) {
-        self.again = None;
+        self.refinement = None;
         if job.source_id != self.source_id {
             return;
         }
@@ -200,27 +197,27 @@ impl Worker {
             for settings in &job.sets {
                 match render_picture(&mut **source, &self.shared, *camera, settings, job.moving) {
                     Ok(picture) => pictures.push(picture),
-                    Err(Failure::Error(error)) => return self.tell(Event::Error(error)),
-                    Err(Failure::Panic(panic)) => return self.lose(panic),
+                    Err(Failure::Error(error)) => return self.send(Event::Error(error)),
+                    Err(Failure::Panic(panic)) => return self.drop_source(panic),
                 }
             }
         }
         let render_ms = started.elapsed().as_secs_f64() * 1e3;
         let due = pictures
             .iter()
-            .filter_map(|p| due(p.report.refinement))
+            .filter_map(|p| next_render_time(p.report.refinement))
             .min();
-        if let Some(unseen) = self.shared.finished.put(FinishedFrame {
+        if let Some(unshown) = self.shared.finished.put(FinishedFrame {
             job: job.clone(),
             pictures,
             render_ms,
         }) {
-            self.shared.recycle(unseen.pictures);
+            self.shared.recycle(unshown.pictures);
         }
         (self.wake)();
         if let Some(due) = due {
             job.round += 1;
-            self.again = Some((job, due));
+            self.refinement = Some((job, due));
         }
     }
 
@@ -238,37 +235,37 @@ impl Worker {
                 export.order.dir.display()
             )),
             Err(Failure::Error(error)) => Event::Error(error),
-            Err(Failure::Panic(panic)) => return self.lose(panic),
+            Err(Failure::Panic(panic)) => return self.drop_source(panic),
         };
         if !matches!(event, Event::Exported(_)) {
             self.export = None;
-            self.tell(Event::Exported(None));
+            self.send(Event::Exported(None));
         }
-        self.tell(event);
+        self.send(event);
     }
 
     fn wants_thumbnail(&self) -> bool {
-        // Pictures are for the start page; a view that is being looked at has the thread to itself.
-        self.source.is_none() && self.library.is_some() && !self.unpictured.is_empty()
+        // Thumbnails are for the start page only: they would delay the frames of an open source.
+        self.source.is_none() && self.library.is_some() && !self.without_thumbnail.is_empty()
     }
 
     fn thumbnail_step(&mut self) {
-        let (Some(library), Some(entry)) = (&mut self.library, self.unpictured.pop()) else {
+        let (Some(library), Some(entry)) = (&mut self.library, self.without_thumbnail.pop()) else {
             return;
         };
-        match guarded(|| library.thumbnail(&entry)) {
-            Ok(Some(thumbnail)) => self.tell(Event::Thumbnail {
+        match catch_panic(|| library.thumbnail(&entry)) {
+            Ok(Some(thumbnail)) => self.send(Event::Thumbnail {
                 id: entry.id,
                 thumbnail,
             }),
             Ok(None) => {}
-            Err(panic) => self.tell(Event::Error(panic)),
+            Err(panic) => self.send(Event::Error(panic)),
         }
     }
 }
 
-/// When to render a frame again.
-fn due(refinement: Refinement) -> Option<Instant> {
+/// Time to render a frame again; `None` if it cannot improve.
+fn next_render_time(refinement: Refinement) -> Option<Instant> {
     match refinement {
         Refinement::Done => None,
         Refinement::Next => Some(Instant::now()),
@@ -276,7 +273,7 @@ fn due(refinement: Refinement) -> Option<Instant> {
     }
 }
 
-/// Why a picture could not be made.
+/// Failure to render or write a picture.
 enum Failure {
     Error(String),
     Panic(String),
@@ -298,7 +295,7 @@ fn render_picture(
         complete: false,
         depth: false,
     };
-    let report = guarded(|| source.render(&request, bytemuck::cast_slice_mut(&mut pixels)));
+    let report = catch_panic(|| source.render(&request, bytemuck::cast_slice_mut(&mut pixels)));
     let report = report.map_err(Failure::Panic)?.map_err(Failure::Error)?;
     Ok(Picture {
         image: Arc::new(ColorImage::new(size, pixels)),
@@ -306,8 +303,7 @@ fn render_picture(
     })
 }
 
-/// Renders and writes the next pose of an export; a source that converges is asked until it is
-/// done.
+/// Renders and writes the next pose of an export; renders repeatedly while the source converges.
 fn export_frame(
     source: &mut dyn FrameSource,
     shared: &Shared,
@@ -337,13 +333,13 @@ fn export_frame(
     written.map_err(|e| Failure::Error(format!("{} cannot be written: {e}.", path.display())))
 }
 
-/// Rounds after which a frame of an export is taken as it is.
+/// Maximum number of renderings of an exported frame.
 const MAX_EXPORT_ROUNDS: u32 = 64;
 
-/// Runs code of a source or library; a panic there becomes a sentence for the person at the window.
-fn guarded<T>(call: impl FnOnce() -> T) -> Result<T, String> {
-    // A source that panicked is dropped by the caller, so nothing half-done is seen again; a
-    // library holds no frame state.
+/// Runs code of a source or library; a panic becomes an error message.
+fn catch_panic<T>(call: impl FnOnce() -> T) -> Result<T, String> {
+    // Unwind safety: the caller drops a source that panicked, so its inconsistent state is not used
+    // again; a library holds no frame state.
     catch_unwind(AssertUnwindSafe(call)).map_err(|panic| {
         let text = panic_text(&*panic);
         format!("The renderer stopped because of an error in the program: {text}")

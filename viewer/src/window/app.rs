@@ -1,19 +1,18 @@
-//! The window's state and its course through one pass: news, keys, panels, the frame.
+//! State of the window, and one pass of it: events, keys, panels, the frame.
 
-use crate::input::keymap;
-use crate::input::keymap::Command;
+use crate::input::keymap::{self, Command};
 use crate::input::motion::Motion;
 use crate::input::pose::Pose;
-use crate::input::steering::{Eye, Sets};
+use crate::input::steering::{Eye, SettingSets};
 use crate::panels;
 use crate::panels::display::Display;
 use crate::panels::open::OpenList;
 use crate::panels::start::StartPage;
 use crate::playback::automation::{Automation, Outcome, Progress};
 use crate::playback::camera_file;
-use crate::playback::recent::Recent;
-use crate::playback::tape::PathRecorder;
-use crate::thread::exchange::{Event, FinishedFrame, SourceInfo};
+use crate::playback::path_recorder::PathRecorder;
+use crate::playback::recent::RecentFiles;
+use crate::thread::exchange::{Event, FinishedFrame, Location, SourceInfo};
 use crate::thread::history::{FrameTimes, History, add_stages};
 use crate::thread::resolution::ResolutionPolicy;
 use crate::thread::session::{Opening, Session};
@@ -22,15 +21,14 @@ use crate::window::options::ViewerOptions;
 use crate::window::views::Stereo;
 use egui::{CentralPanel, Context, Frame, TextureHandle, Ui, ViewportCommand};
 use headbox_core::statistics::median;
-use headbox_core::view::Refinement;
-use headbox_core::view::SettingValues;
+use headbox_core::view::{Refinement, SettingValues};
 use std::{
     path::PathBuf,
     sync::{Arc, Mutex, PoisonError},
     time::{Duration, Instant},
 };
 
-/// Everything the window knows.
+/// State of the window.
 pub(crate) struct Viewer {
     pub session: Session,
     pub options: ViewerOptions,
@@ -38,47 +36,47 @@ pub(crate) struct Viewer {
     pub info: Option<SourceInfo>,
     /// Source being opened.
     pub opening: Option<Opening>,
-    /// Files opened last, newest first.
-    pub recent: Recent,
-    /// The file among them that what is being opened will be.
-    pub opening_file: Option<PathBuf>,
+    /// Recently opened files, newest first.
+    pub recent: RecentFiles,
+    /// File being opened; becomes a recent file once it is open.
+    pub file_being_opened: Option<PathBuf>,
     pub eye: Eye,
     pub display: Display,
-    pub sets: Sets,
-    pub tape: PathRecorder,
-    /// True once a replay has run to its end.
-    pub path_ended: bool,
-    /// Frames written and frames in all of a running export.
+    pub sets: SettingSets,
+    pub path_recorder: PathRecorder,
+    /// True after a replay has run to its end.
+    pub replay_ended: bool,
+    /// Number of frames written and total number, of a running export.
     pub exporting: Option<[usize; 2]>,
     pub messages: Messages,
     pub history: History,
     pub shown: Option<FinishedFrame>,
     pub textures: Vec<TextureHandle>,
     pub policy: ResolutionPolicy,
-    pub wish: Option<FrameWishes>,
+    pub view_request: Option<ViewRequest>,
     pub jobs_issued: u64,
     pub show_panels: bool,
-    /// True if the panel lies over the frame, where the window is too narrow for both.
-    pub unfolded: bool,
+    /// True if the panel is open over the frame, in a window too narrow for both.
+    pub panel_unfolded: bool,
     pub show_keys: bool,
     pub full_screen: bool,
     pub open_list: OpenList,
     pub start_page: StartPage,
     /// Commands of panels and keys in this pass.
     pub commands: Vec<Command>,
-    /// Pictures of the window on their way to a file.
+    /// Screenshots of the window that are being written.
     pub pending_shots: Vec<PendingShot>,
     pub automation: Automation,
     pub outcome: Arc<Mutex<Outcome>>,
-    clock: Clock,
+    run_times: RunTimes,
 }
 
-/// A file and the result of writing it, once there is one.
+/// A screenshot's file and the result of writing it, `None` until it is written.
 pub(crate) type PendingShot = (PathBuf, Arc<Mutex<Option<Result<(), String>>>>);
 
-/// A view as it was last asked for.
+/// Parameters of the view that was requested last.
 #[derive(Clone, PartialEq)]
-pub(crate) struct FrameWishes {
+pub(crate) struct ViewRequest {
     pub pose: Pose,
     pub size_px: [u32; 2],
     pub scale: f64,
@@ -88,9 +86,9 @@ pub(crate) struct FrameWishes {
     pub sets: Vec<Arc<SettingValues>>,
 }
 
-/// When what was shown, for the summary.
+/// Frame counts and times of the run, for the summary.
 #[derive(Default)]
-struct Clock {
+struct RunTimes {
     /// True after the first pass.
     passed: bool,
     frames_shown: u64,
@@ -101,8 +99,8 @@ struct Clock {
     scales: f64,
 }
 
-/// Passes over which the window's own time is averaged.
-const PASSES_KEPT: usize = 256;
+/// Number of passes in the median of the window's own time.
+const MAX_PASS_TIMES: usize = 256;
 
 impl Viewer {
     pub(crate) fn new(
@@ -124,67 +122,69 @@ impl Viewer {
             session,
             info: None,
             opening: None,
-            recent: Recent::read(options.recent_file.clone()),
-            opening_file: options.file.clone(),
+            recent: RecentFiles::read(options.recent_file.clone()),
+            file_being_opened: options.file.clone(),
             eye,
             display,
-            sets: Sets::default(),
-            tape: PathRecorder::new(options.replay),
-            path_ended: false,
+            sets: SettingSets::default(),
+            path_recorder: PathRecorder::new(options.replay),
+            replay_ended: false,
             exporting: None,
             messages: Messages::default(),
             history: History::default(),
             shown: None,
             textures: Vec::new(),
             policy: ResolutionPolicy::default(),
-            wish: None,
+            view_request: None,
             jobs_issued: 0,
             show_panels: options.panels,
-            unfolded: false,
+            panel_unfolded: false,
             show_keys: false,
             full_screen: false,
             open_list: OpenList::default(),
-            start_page: StartPage::new(can_open),
+            start_page: StartPage {
+                has_library: can_open,
+                ..StartPage::default()
+            },
             commands: Vec::new(),
             pending_shots: Vec::new(),
             automation: Automation::new(options.exit, options.screenshot.clone()),
             outcome,
-            clock: Clock::default(),
+            run_times: RunTimes::default(),
             options,
         }
     }
 
-    /// One pass of the window. `last_pass_ms` is the time that the previous one took, drawing
+    /// Runs one pass of the window. `last_pass_ms` is the time of the previous pass, drawing
     /// included.
     pub(crate) fn pass(&mut self, ui: &mut Ui, last_pass_ms: Option<f64>) {
         let ctx = ui.ctx().clone();
         let now_s = ui.input(|i| i.time);
         if let Some(ms) = last_pass_ms {
-            self.clock.pass_ms.truncate(PASSES_KEPT - 1);
-            self.clock.pass_ms.insert(0, ms);
+            self.run_times.pass_ms.truncate(MAX_PASS_TIMES - 1);
+            self.run_times.pass_ms.insert(0, ms);
         }
-        while let Some(event) = self.session.news() {
-            self.learn(&ctx, event, now_s);
+        while let Some(event) = self.session.next_event() {
+            self.handle_event(&ctx, event, now_s);
         }
-        // A pass that is laid out anew is not drawn: a frame taken in each would be lost between
-        // them.
+        // egui does not draw a pass that it lays out again: a frame taken in it would never be
+        // shown.
         if ctx.current_pass_index() == 0
-            && let Some(finished) = self.session.latest()
+            && let Some(finished) = self.session.take_frame()
         {
-            self.show_frame(&ctx, finished, now_s);
+            self.upload_frame(&ctx, finished, now_s);
         }
         self.collect_shots(now_s);
         if !ctx.text_edit_focused() {
             self.commands.extend(ui.input(keymap::commands));
         }
         let dropped = ui.input(|i| i.raw.dropped_files.first().map(|f| f.path().to_owned()));
-        self.commands.extend(
-            dropped.map(|path| Command::Open(crate::thread::exchange::Location::File(path))),
-        );
+        self.commands
+            .extend(dropped.map(|path| Command::Open(Location::File(path))));
         self.panels(ui, now_s);
         CentralPanel::default().frame(Frame::NONE).show(ui, |ui| {
             if self.info.is_some() {
-                self.look(ui, now_s);
+                self.show_viewport(ui, now_s);
             } else {
                 panels::start::show(
                     ui,
@@ -204,15 +204,15 @@ impl Viewer {
         if let Some(left_s) = self.messages.expire(now_s) {
             ctx.request_repaint_after(Duration::from_secs_f64(left_s.max(0.0)));
         }
-        self.automate(&ctx);
+        self.step_automation(&ctx);
     }
 
-    /// Takes in one piece of news from the render thread.
-    fn learn(&mut self, ctx: &Context, event: Event, now_s: f64) {
+    /// Handles an event of the render thread.
+    fn handle_event(&mut self, ctx: &Context, event: Event, now_s: f64) {
         match event {
-            Event::Opened(info) => self.opened(ctx, *info, now_s),
+            Event::Opened(info) => self.handle_opened(ctx, *info, now_s),
             Event::OpenFailed(error) => {
-                (self.opening, self.opening_file) = (None, None);
+                (self.opening, self.file_being_opened) = (None, None);
                 self.messages.add(Kind::Error, error, now_s);
             }
             Event::Lost(error) => {
@@ -221,12 +221,12 @@ impl Viewer {
             }
             Event::Error(error) => self.messages.add(Kind::Error, error, now_s),
             Event::Done(text) => self.messages.add(Kind::Done, text, now_s),
-            Event::Offers {
+            Event::Library {
                 entries,
                 extensions,
             } => {
                 self.start_page.set_entries(entries);
-                self.open_list.set_extensions(extensions);
+                self.open_list.extensions = extensions;
             }
             Event::Thumbnail { id, thumbnail } => {
                 self.start_page.set_thumbnail(ctx, &id, &thumbnail);
@@ -235,7 +235,7 @@ impl Viewer {
         }
     }
 
-    fn opened(&mut self, ctx: &Context, info: SourceInfo, now_s: f64) {
+    fn handle_opened(&mut self, ctx: &Context, info: SourceInfo, now_s: f64) {
         ctx.send_viewport_cmd(ViewportCommand::Title(format!("{} - headbox", info.title)));
         let mut values = SettingValues::initial(&info.settings);
         let set =
@@ -258,7 +258,7 @@ impl Viewer {
             Arc::new(values)
         });
         self.display.compare = b.is_some();
-        self.sets = Sets {
+        self.sets = SettingSets {
             b: b.unwrap_or_else(|| Arc::clone(&a)),
             a,
             edits_b: false,
@@ -266,9 +266,9 @@ impl Viewer {
         self.eye.pose = self.options.pose.take().unwrap_or(info.start_pose);
         self.eye.motion.stop();
         self.eye.speed_m_per_s = info.speed_m_per_s;
-        self.tape = PathRecorder::new(self.tape.mode);
-        (self.opening, self.wish, self.exporting) = (None, None, None);
-        if let Some(file) = self.opening_file.take() {
+        self.path_recorder = PathRecorder::new(self.path_recorder.mode);
+        (self.opening, self.view_request, self.exporting) = (None, None, None);
+        if let Some(file) = self.file_being_opened.take() {
             self.recent.add(&file);
         }
         if let Some(old) = self.shown.take() {
@@ -276,7 +276,7 @@ impl Viewer {
         }
         self.policy.reset();
         self.history.clear();
-        self.open_list.close();
+        self.open_list.is_open = false;
         for note in &info.notes {
             self.messages.add(Kind::Done, note, now_s);
         }
@@ -291,15 +291,15 @@ impl Viewer {
         };
         match camera_file::read_path(&file, &info.file_frame, info.start_pose.up) {
             Ok(path) => {
-                self.take_path(path, now_s);
+                self.set_path(path, now_s);
                 self.commands.push(Command::TogglePlayback);
             }
             Err(error) => self.messages.add(Kind::Error, error.to_string(), now_s),
         }
     }
 
-    /// Takes over a finished frame: its pictures become textures, its times go into the history.
-    fn show_frame(&mut self, ctx: &Context, finished: FinishedFrame, now_s: f64) {
+    /// Uploads the pictures of a finished frame as textures, and adds its times to the history.
+    fn upload_frame(&mut self, ctx: &Context, finished: FinishedFrame, now_s: f64) {
         let Some(info) = self
             .info
             .as_ref()
@@ -307,7 +307,7 @@ impl Viewer {
         else {
             return;
         };
-        // Pixel for pixel at rest; smooth where fewer pixels are stretched over the window.
+        // Nearest at full resolution; linear where fewer pixels are stretched over the window.
         let exact = finished.job.scale == 1.0;
         let filter = if exact {
             egui::TextureOptions::NEAREST
@@ -316,7 +316,7 @@ impl Viewer {
         };
         for (i, picture) in finished.pictures.iter().enumerate() {
             match self.textures.get_mut(i) {
-                // Of the same size, it is written over: a new texture would first have to be made.
+                // A texture of the same size is overwritten, which is faster than a new one.
                 Some(texture) if texture.size() == picture.image.size => {
                     texture.set_partial([0, 0], Arc::clone(&picture.image), filter);
                 }
@@ -341,19 +341,17 @@ impl Viewer {
             );
         }
         if finished.job.round == 0 {
-            let latency_ms = finished.job.issued.elapsed().as_secs_f64() * 1e3;
-            let render_ms = finished.render_ms;
             self.history.push(FrameTimes {
                 shown_s: now_s,
-                render_ms,
-                latency_ms,
+                render_ms: finished.render_ms,
+                latency_ms: finished.job.issued.elapsed().as_secs_f64() * 1e3,
                 stages,
             });
         }
         if let Some(index) = finished.job.replayed {
-            self.tape.shown(index);
+            self.path_recorder.advance_after(index);
         }
-        self.clock.scales += finished.job.scale;
+        self.run_times.scales += finished.job.scale;
         self.count_frame(ctx);
         if let Some(old) = self.shown.replace(finished) {
             self.session.recycle(old.pictures);
@@ -361,35 +359,35 @@ impl Viewer {
     }
 
     fn count_frame(&mut self, ctx: &Context) {
-        self.clock.frames_shown += 1;
-        self.clock.last = Some(Instant::now());
-        if self.clock.first.is_none() {
-            self.clock.first = self.clock.last;
-            // The first image counts when it is on the screen, which the next pass knows.
+        self.run_times.frames_shown += 1;
+        self.run_times.last = Some(Instant::now());
+        if self.run_times.first.is_none() {
+            self.run_times.first = self.run_times.last;
+            // The next pass notes the time of the first image: only then is it on the screen.
             ctx.request_repaint();
         }
     }
 
-    fn automate(&mut self, ctx: &Context) {
-        let first_image = self.clock.frames_shown > 0;
+    fn step_automation(&mut self, ctx: &Context) {
+        let first_image = self.run_times.frames_shown > 0;
         {
             let mut outcome = self.outcome.lock().unwrap_or_else(PoisonError::into_inner);
-            if self.clock.passed {
+            if self.run_times.passed {
                 let elapsed_s = self.options.started.elapsed().as_secs_f64();
                 outcome.summary.window_s.get_or_insert(elapsed_s);
             } else {
-                // That the first pass is on the screen, the next one knows.
-                self.clock.passed = true;
+                // The next pass notes the time of the first one: only then is it on the screen.
+                self.run_times.passed = true;
                 ctx.request_repaint();
             }
-            // `shown` was painted in an earlier pass if a frame was counted before this one.
+            // `shown` was painted in an earlier pass if the summary already counts a frame.
             if first_image
                 && outcome.summary.first_image_s.is_none()
                 && outcome.summary.frames_shown > 0
             {
                 outcome.summary.first_image_s = Some(self.options.started.elapsed().as_secs_f64());
             }
-            outcome.summary.frames_shown = self.clock.frames_shown;
+            outcome.summary.frames_shown = self.run_times.frames_shown;
         }
         let settled = self
             .shown
@@ -400,7 +398,7 @@ impl Viewer {
             .iter()
             .find(|m| m.kind == Kind::Error)
             .map(|m| m.text.as_str());
-        let path_done = self.path_ended && settled && !self.tape.is_playing();
+        let path_done = self.replay_ended && settled && !self.path_recorder.is_playing();
         let done = |shown: &FinishedFrame| {
             shown
                 .pictures
@@ -408,12 +406,11 @@ impl Viewer {
                 .all(|p| p.report.refinement == Refinement::Done)
         };
         let refined = settled && self.shown.as_ref().is_some_and(done);
-        let thumbnails_done = self.start_page.is_pictured();
         let progress = Progress {
-            frames_shown: self.clock.frames_shown,
+            frames_shown: self.run_times.frames_shown,
             path_done,
             refined,
-            thumbnails_done,
+            thumbnails_done: self.start_page.has_all_thumbnails(),
             error,
         };
         if let Some(error) = self.automation.step(ctx, &progress) {
@@ -423,24 +420,27 @@ impl Viewer {
                 .error = Some(error);
         }
         if self.automation.is_closing() {
-            self.sum_up();
+            self.write_summary();
         }
     }
 
-    /// Writes down what was measured.
-    pub(crate) fn sum_up(&self) {
+    /// Writes the measurements of the run to the summary.
+    pub(crate) fn write_summary(&self) {
         let mut outcome = self.outcome.lock().unwrap_or_else(PoisonError::into_inner);
         let summary = &mut outcome.summary;
-        if let (Some(first), Some(last)) = (self.clock.first, self.clock.last)
+        if let (Some(first), Some(last)) = (self.run_times.first, self.run_times.last)
             && last > first
         {
             summary.shown_per_s =
-                (self.clock.frames_shown - 1) as f64 / (last - first).as_secs_f64();
+                (self.run_times.frames_shown - 1) as f64 / (last - first).as_secs_f64();
         }
         summary.render_ms_median = self.history.median(|f| f.render_ms).unwrap_or(0.0);
         summary.latency_ms_median = self.history.median(|f| f.latency_ms).unwrap_or(0.0);
-        summary.pass_ms_median = median(self.clock.pass_ms.iter().copied()).unwrap_or(0.0);
-        summary.scale_mean = self.clock.scales / self.clock.frames_shown.max(1) as f64;
-        summary.frame_size_px = self.wish.as_ref().map_or([0; 2], |wish| wish.size_px);
+        summary.pass_ms_median = median(self.run_times.pass_ms.iter().copied()).unwrap_or(0.0);
+        summary.scale_mean = self.run_times.scales / self.run_times.frames_shown.max(1) as f64;
+        summary.frame_size_px = self
+            .view_request
+            .as_ref()
+            .map_or([0; 2], |request| request.size_px);
     }
 }

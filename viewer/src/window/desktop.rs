@@ -13,12 +13,12 @@ use std::{
     time::Duration,
 };
 
-/// Opens the window, shows `source` (or the start page of the options' library) and returns when it
-/// has been closed. Call it from the main thread: window systems insist.
+/// Opens the window, shows `source` (or the start page of the options' library) and returns when
+/// the window has been closed. Window systems require the main thread.
 ///
 /// # Errors
 /// [`ViewerError::NoDisplay`] without a display; [`ViewerError::Scripted`] if anything goes wrong
-/// in a run that ends by itself ([`Exit`]); see there for the others.
+/// in a run that ends by itself ([`Exit`]); see [`ViewerError`] for the others.
 pub fn run(
     source: Option<Box<dyn FrameSource>>,
     options: ViewerOptions,
@@ -53,15 +53,17 @@ pub fn run(
             Ok(error) => Err(ViewerError::Thread(*error)),
             Err(error) => Err(ViewerError::Window(error.to_string())),
         },
-        (Err(eframe::Error::WinitEventLoop(_)), _) => Err(ViewerError::NoDisplay(displays())),
+        (Err(eframe::Error::WinitEventLoop(_)), _) => {
+            Err(ViewerError::NoDisplay(describe_displays()))
+        }
         (Err(error), _) => Err(ViewerError::Window(error.to_string())),
         (Ok(()), Some(error)) => Err(ViewerError::Scripted(error)),
         (Ok(()), None) => Ok(outcome.summary),
     }
 }
 
-/// The displays that the environment names.
-fn displays() -> String {
+/// Describes the displays that the environment names.
+fn describe_displays() -> String {
     let name = |key: &str| {
         std::env::var(key)
             .ok()
@@ -79,8 +81,8 @@ fn displays() -> String {
     }
 }
 
-/// News needs one more pass. A delay of zero would mean two ("to give things time to settle"), the
-/// second of which draws the same again.
+/// Repaint delay that triggers exactly one pass after an event. egui runs two passes for a delay of
+/// zero ("to give things time to settle"), the second of which would draw the same again.
 const ONE_PASS: Duration = Duration::from_nanos(1);
 
 type Created = Result<Box<dyn App>, Box<dyn std::error::Error + Send + Sync>>;
@@ -102,8 +104,8 @@ fn create(
         Arc::new(move || waker.request_repaint_after(ONE_PASS)),
     )?;
     let mut viewer = Viewer::new(session, options, can_open, outcome);
-    if let Some(what) = opening {
-        viewer.await_opening(what);
+    if let Some(name) = opening {
+        viewer.set_opening(name);
     }
     Ok(Box::new(Desktop(viewer)))
 }
@@ -119,13 +121,13 @@ impl App for Desktop {
         self.0.pass(ui, last_pass_ms);
     }
 
-    /// Background colour around the frame. The driver clears to it anyway, so that no panel need be
-    /// painted behind the frame.
+    /// Background colour around the frame. The driver clears to it anyway, so no panel is painted
+    /// behind the frame.
     fn clear_color(&self, _visuals: &egui::Visuals) -> [f32; 4] {
         theme::BACKDROP.to_normalized_gamma_f32()
     }
 
     fn on_exit(&mut self, _gl: Option<&eframe::glow::Context>) {
-        self.0.sum_up();
+        self.0.write_summary();
     }
 }

@@ -6,15 +6,15 @@ use crate::panels::{button, camera, display, record, section, source, statistics
 use crate::window::app::Viewer;
 use egui::{Area, Button, Context, Frame, Id, Label, Panel, RichText, ScrollArea, Ui, vec2};
 
-/// Width of the side panel at first, points.
+/// Initial width of the side panel, points.
 const WIDTH_POINTS: f32 = 290.0;
 
-/// A window narrower than this has no room for panel and frame side by side, points.
+/// Window width below which the panel lies over the frame instead of beside it, points.
 const NARROW_POINTS: f32 = 640.0;
 
-/// Height of the button that unfolds the panel over the frame, with its margin, and a width that is
-/// no less than its, points.
+/// Height of the button that unfolds the panel over the frame, with its margin, points.
 const UNFOLD_POINTS: f32 = 30.0;
+/// Upper bound of that button's width, points.
 pub(crate) const UNFOLD_WIDTH_POINTS: f32 = 60.0;
 
 /// Returns true if the panel lies over the frame instead of beside it.
@@ -23,16 +23,16 @@ pub(crate) fn is_narrow(ctx: &Context) -> bool {
 }
 
 impl Viewer {
-    /// Shows them, if they are wanted and there is something to show.
+    /// Shows the panels, unless they are hidden or there is no source.
     pub(crate) fn panels(&mut self, ui: &mut Ui, now_s: f64) {
         if !self.show_panels || self.info.is_none() {
             return;
         }
         if is_narrow(ui.ctx()) {
-            return self.over_frame(ui.ctx(), now_s);
+            return self.panel_over_frame(ui.ctx(), now_s);
         }
         Panel::bottom("status").resizable(false).show(ui, |ui| {
-            status::show(ui, &self.eye.pose, self.shown.as_ref(), &self.tape);
+            status::show(ui, &self.eye.pose, self.shown.as_ref(), &self.path_recorder);
         });
         Panel::left("panel")
             .resizable(true)
@@ -40,34 +40,33 @@ impl Viewer {
             .show(ui, |ui| {
                 ScrollArea::vertical()
                     .auto_shrink(false)
-                    .show(ui, |ui| self.side(ui, now_s));
+                    .show(ui, |ui| self.side_panel(ui, now_s));
             });
     }
 
-    /// In a narrow window: a button in the corner of the frame, and the panel over the frame once
-    /// it is pressed.
-    fn over_frame(&mut self, ctx: &Context, now_s: f64) {
+    /// Shows a button in the corner of the frame and, if it was pressed, the panel over the frame:
+    /// the layout of a narrow window.
+    fn panel_over_frame(&mut self, ctx: &Context, now_s: f64) {
         let screen = ctx.content_rect();
         let corner = screen.min + vec2(4.0, 4.0);
         Area::new(Id::unique("unfold"))
             .fixed_pos(corner)
             .constrain(false)
             .show(ctx, |ui| {
-                let (text, tip) = if self.unfolded {
+                let (text, tip) = if self.panel_unfolded {
                     ("Fold", "Folds the panel away.")
                 } else {
                     ("Panel", "Shows the panel.")
                 };
                 if ui.add(Button::new(text)).on_hover_text(tip).clicked() {
-                    self.unfolded = !self.unfolded;
+                    self.panel_unfolded = !self.panel_unfolded;
                 }
             });
-        // In next to no room a panel would have none.
         let size = vec2(
             WIDTH_POINTS.min(screen.width() - 24.0),
             screen.height() - UNFOLD_POINTS - 12.0,
         );
-        if !self.unfolded || size.x < 100.0 || size.y < 60.0 {
+        if !self.panel_unfolded || size.x < 100.0 || size.y < 60.0 {
             return;
         }
         let frame = Frame::new()
@@ -81,19 +80,19 @@ impl Viewer {
                     ui.set_width(size.x - 12.0);
                     ScrollArea::vertical()
                         .max_height(size.y - 12.0)
-                        .show(ui, |ui| self.side(ui, now_s));
+                        .show(ui, |ui| self.side_panel(ui, now_s));
                 });
             });
     }
 
-    /// The side panel, from top to bottom.
-    fn side(&mut self, ui: &mut Ui, now_s: f64) {
+    /// Shows the contents of the side panel.
+    fn side_panel(&mut self, ui: &mut Ui, now_s: f64) {
         let Some(info) = &self.info else { return };
         ui.add_space(6.0);
         ui.add(Label::new(RichText::new(&info.title).heading().strong()).wrap())
             .on_hover_text("What is shown.");
         ui.horizontal_wrapped(|ui| {
-            if self.start_page.has_library() {
+            if self.start_page.has_library {
                 let tip =
                     "Goes back to the page with all scenes and the files opened last (Backspace).";
                 button(ui, "Start page", tip, Command::Start, &mut self.commands);
@@ -146,7 +145,7 @@ impl Viewer {
         section(ui, "Record", false, |ui| {
             record::show(
                 ui,
-                &mut self.tape,
+                &mut self.path_recorder,
                 self.exporting,
                 &self.options.output_dir,
                 now_s,

@@ -1,11 +1,11 @@
-//! Messages to the person at the window.
+//! Messages to the user.
 
-/// A message's weight.
+/// Kind of a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Kind {
-    /// Something was done; goes away by itself.
+    /// Confirmation or note; disappears by itself.
     Done,
-    /// Something did not work; stays until dismissed.
+    /// Error; stays until dismissed.
     Error,
 }
 
@@ -26,10 +26,10 @@ pub(crate) struct Messages(Vec<Message>);
 impl Messages {
     /// Display time of a confirmation, seconds.
     pub(crate) const DONE_S: f64 = 6.0;
-    /// More than this many at once would hide the frame.
+    /// Maximum number of messages: more would hide the frame.
     const MAX_SHOWN: usize = 5;
 
-    /// Adds a message; one that is already there is counted up instead.
+    /// Adds a message, or increments the count of an equal one.
     pub(crate) fn add(&mut self, kind: Kind, text: impl Into<String>, now_s: f64) {
         let text = text.into();
         if let Some(same) = self.0.iter_mut().find(|m| m.kind == kind && m.text == text) {
@@ -59,12 +59,12 @@ impl Messages {
         }
     }
 
-    /// Removes all.
+    /// Removes all messages.
     pub(crate) fn clear(&mut self) {
         self.0.clear();
     }
 
-    /// Removes messages whose time is over; returns the seconds until the next one goes.
+    /// Removes messages whose display time is over; returns the seconds until the next one expires.
     pub(crate) fn expire(&mut self, now_s: f64) -> Option<f64> {
         let left = |m: &Message| m.last_s + Self::DONE_S - now_s;
         self.0.retain(|m| m.kind == Kind::Error || left(m) > 0.0);

@@ -1,7 +1,7 @@
 //! Options of the window, and the summary of a run.
 
 use crate::input::pose::Pose;
-use crate::playback::tape::ReplayMode;
+use crate::playback::path_recorder::ReplayMode;
 use crate::source::{Library, PendingSource};
 use crate::window::views::Stereo;
 use serde::Serialize;
@@ -9,19 +9,19 @@ use std::{path::PathBuf, time::Instant};
 
 /// Start options of the window and, for scripts, end conditions.
 pub struct ViewerOptions {
-    /// When the program was started, for the time to the first image.
+    /// Start of the program, for the time to the first image.
     pub started: Instant,
     /// Files that the window can open; without it, the window shows its one source only.
     pub library: Option<Box<dyn Library>>,
-    /// Source that is being opened elsewhere, if no source is given.
+    /// Source that another thread is opening, if no source is given.
     pub coming: Option<PendingSource>,
-    /// The file that is shown at first, if it is one: told among those opened last.
+    /// File of the first source, if it has one; becomes a recent file.
     pub file: Option<PathBuf>,
-    /// File of the list of recent files, if it is kept.
+    /// File that stores the list of recent files; `None`: not stored.
     pub recent_file: Option<PathBuf>,
-    /// Size of the window's inside, points.
+    /// Inner size of the window, points.
     pub window_size_points: [f32; 2],
-    /// True to show the side panel and the status line at first.
+    /// True to show the side panel and the status line initially.
     pub panels: bool,
     /// Start pose, instead of the source's.
     pub pose: Option<Pose>,
@@ -30,27 +30,28 @@ pub struct ViewerOptions {
     ///
     /// [`SettingValues::set_text`]: crate::SettingValues::set_text
     pub settings: Vec<(String, String)>,
-    /// Shows A (`settings`) and B (`settings` and then these) side by side at first.
+    /// Changes of B relative to A (`settings`), which are initially shown side by side; `None`: no
+    /// comparison.
     pub compare: Option<Vec<(String, String)>>,
-    /// One eye or two at first.
+    /// Initial stereo mode.
     pub stereo: Stereo,
-    /// The longest that a frame should take while the eye moves, ms, or else it is rendered with
-    /// fewer pixels at first; none: always with all pixels.
+    /// Time limit of a frame while the eye moves, ms: slower frames are initially rendered with
+    /// fewer pixels. `None`: always all pixels.
     pub moving_limit_ms: Option<f64>,
-    /// A path file that is replayed at once.
+    /// Path file that is replayed at once.
     pub path: Option<PathBuf>,
     /// Initial replay mode.
     pub replay: ReplayMode,
     /// Folder for saved frames, cameras and paths.
     pub output_dir: PathBuf,
-    /// A picture of the whole window, taken (as a PNG file) just before the scripted end.
+    /// PNG file for a screenshot of the whole window, taken just before the scripted end.
     pub screenshot: Option<PathBuf>,
-    /// When the window closes by itself.
+    /// End condition of a scripted run.
     pub exit: Exit,
 }
 
 impl ViewerOptions {
-    /// 60 frames a second.
+    /// Default of [`Self::moving_limit_ms`]: 60 frames per second.
     pub const MOVING_LIMIT_MS: f64 = 16.0;
 }
 
@@ -78,50 +79,49 @@ impl Default for ViewerOptions {
     }
 }
 
-/// When a window that is run by a script closes. In such a window any error ends the run.
+/// End condition of a scripted run. Any error ends such a run, too.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Exit {
-    /// When a person closes it.
+    /// The user closes the window; not a scripted run.
     #[default]
     Never,
-    /// After this many frames were shown; frames follow each other as fast as they can.
+    /// This number of frames was shown; frames are rendered without pause.
     AfterFrames(u64),
-    /// When the replay of the path has ended.
+    /// The replay of the path has ended.
     AfterPath,
-    /// When the view cannot become better ([`Refinement::Done`](crate::Refinement::Done)): a
-    /// capture or an error map is complete.
+    /// The view cannot improve ([`Refinement::Done`](crate::Refinement::Done)): a capture or an
+    /// error map is complete.
     WhenRefined,
-    /// When every entry of the start page has its picture.
+    /// Every entry of the start page has its thumbnail.
     AfterThumbnails,
 }
 
 /// Measurements of a run of the window.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Summary {
-    /// From [`ViewerOptions::started`] to the first picture of the window handed to the display,
-    /// whatever it shows, seconds.
+    /// Time from [`ViewerOptions::started`] to the first pass of the window on the display, with or
+    /// without a frame, seconds.
     pub window_s: Option<f64>,
-    /// From [`ViewerOptions::started`] to the first frame handed to the display, seconds.
+    /// Time from [`ViewerOptions::started`] to the first frame on the display, seconds.
     pub first_image_s: Option<f64>,
-    /// Frames of the source shown.
+    /// Number of the source's frames that were shown.
     pub frames_shown: u64,
     /// Frames shown per second, between the first and the last.
     pub shown_per_s: f64,
     /// Median time to render a frame, over the last frames, ms.
     pub render_ms_median: f64,
-    /// Median time from the wish for a view to its hand-over to the display, over the last frames,
-    /// ms.
+    /// Median time from the request of a view to its display, over the last frames, ms.
     pub latency_ms_median: f64,
     /// Median time of one pass of the window (input, panels, upload, drawing), over the last
     /// passes, ms.
     pub pass_ms_median: f64,
     /// Size of the last frame, pixels.
     pub frame_size_px: [u32; 2],
-    /// Mean share of each side of the frame that was rendered: 1 if pixels were never saved.
+    /// Mean scale of the rendered frames per side: 1 if all had full resolution.
     pub scale_mean: f64,
 }
 
-/// Why the window could not do its work.
+/// Errors of [`run`](crate::run).
 #[derive(Debug, thiserror::Error)]
 pub enum ViewerError {
     /// There is no display to open a window on.
@@ -139,7 +139,7 @@ pub enum ViewerError {
     /// The render thread could not be started.
     #[error("cannot start the render thread: {0}")]
     Thread(std::io::Error),
-    /// In a scripted run, something went wrong that a person would have read as a message.
+    /// A scripted run met an error that an interactive window would have shown as a message.
     #[error("{0}")]
     Scripted(String),
 }

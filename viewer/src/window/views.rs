@@ -4,7 +4,7 @@ use crate::input::pose::Pose;
 use glam::DVec3;
 use headbox_core::camera::{Camera, CameraError};
 
-/// One or two eyes.
+/// Stereo mode.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Stereo {
     /// One eye.
@@ -13,16 +13,15 @@ pub enum Stereo {
     /// Side by side, the right eye's view on the left: crossed eyes fuse it (as in the papers'
     /// figures).
     CrossEyed,
-    /// Side by side, the left eye's view on the left: for a viewer with lenses, or eyes that look
-    /// into the distance.
+    /// Side by side, the left eye's view on the left: for a lens stereoscope or parallel viewing.
     Parallel,
 }
 
 impl Stereo {
-    /// All of them, in the order of the key that switches.
+    /// All modes, in the order of the key that switches.
     pub const ALL: [Self; 3] = [Self::Off, Self::CrossEyed, Self::Parallel];
 
-    /// Name for a control.
+    /// Label of the mode.
     pub fn name(self) -> &'static str {
         match self {
             Self::Off => "Off",
@@ -31,7 +30,7 @@ impl Stereo {
         }
     }
 
-    /// The next one, cyclically.
+    /// Next mode, cyclically.
     #[must_use]
     pub fn next(self) -> Self {
         match self {
@@ -41,14 +40,14 @@ impl Stereo {
         }
     }
 
-    /// Places side by side on the screen.
+    /// Number of views side by side on the screen.
     pub fn places(self) -> u32 {
         if self == Self::Off { 1 } else { 2 }
     }
 
-    /// Positions of the eyes from left to right on the screen; the eyes sit `separation` metres
-    /// apart about the pose's eye, on its right axis, and look in parallel (so a point at infinity
-    /// has no disparity).
+    /// Positions of the eyes from left to right on the screen. The eyes are `separation` metres
+    /// apart about the pose's eye, on its right axis, and look in parallel (a point at infinity has
+    /// no disparity).
     pub fn eyes(self, pose: &Pose, separation: f64) -> Vec<DVec3> {
         let half = pose.world_from_eye().x_axis * (separation / 2.0);
         match self {
@@ -58,8 +57,7 @@ impl Stereo {
         }
     }
 
-    /// The cameras, from left to right on the screen, for a frame of `width` x `height` pixels in
-    /// all.
+    /// Cameras from left to right on the screen, for a frame of `width` x `height` pixels in total.
     ///
     /// # Errors
     /// [`CameraError`] if the image size cannot be rendered.
@@ -76,18 +74,17 @@ impl Stereo {
     }
 }
 
-/// One rendered image: `width` x `height` pixels, row 0 on top.
+/// One rendered image, row 0 on top.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PictureRef<'a> {
     /// Width in pixels.
     pub width: usize,
-    /// The pixels.
     pub pixels: &'a [[u8; 4]],
 }
 
-/// Puts the pictures of one frame together as the screen shows them: `pictures` holds for each
-/// place from left to right one picture per setting set (A, or A and B), all of one size; `divider`
-/// is the share of each place's width that shows A. Returns width and pixels, row 0 on top.
+/// Assembles the pictures of one frame as the screen shows them. `pictures` holds for each place
+/// from left to right one picture per setting set (A, or A and B), all of one size; `divider` is
+/// the share of each place's width that shows A. Returns width and pixels, row 0 on top.
 pub(crate) fn compose(
     pictures: &[PictureRef<'_>],
     places: usize,
@@ -115,7 +112,7 @@ pub(crate) fn compose(
     (places * width, out)
 }
 
-/// The first column that shows B.
+/// Index of the first column that shows B.
 pub(crate) fn divider_column(divider: f64, width: usize) -> usize {
     ((divider.clamp(0.0, 1.0) * width as f64).round() as usize).min(width)
 }

@@ -1,49 +1,48 @@
-//! The frame itself: steering in it, asking for it, painting it.
+//! The viewport: steers the eye, requests frames and paints them.
 
-use crate::input::keymap;
-use crate::input::keymap::Command;
+use crate::input::keymap::{self, Command};
 use crate::input::motion::{Steering, SteeringResponse};
 use crate::panels;
-use crate::playback::tape::Replay;
+use crate::playback::path_recorder::Replay;
 use crate::thread::exchange::Job;
-use crate::window::app::{FrameWishes, Viewer};
+use crate::window::app::{ViewRequest, Viewer};
 use crate::window::{layout, views};
 use egui::{CursorIcon, Painter, PointerButton, Pos2, Rect, Response, Sense, Ui, pos2, vec2};
 use headbox_core::camera::Camera;
+use headbox_core::view::SettingValues;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Time after the last movement from which on the eye counts as resting, seconds: a pause between
-/// two drags is not a rest.
+/// Time after the last movement from which on the eye counts as resting, seconds. Longer than a
+/// pause between two drags.
 const REST_S: f64 = 0.12;
-/// The longest step of time that is simulated at once, seconds: after a stall the eye must not
-/// leap.
+/// Maximum time step of the simulation, seconds: the eye must not jump after a stall.
 const MAX_STEP_S: f64 = 0.1;
-/// Time between passes while moving, if no frame is being made.
+/// Time between passes while moving, if no frame is being rendered.
 const MOVING_PASS: Duration = Duration::from_millis(15);
-/// The longest wait for a frame in the making while moving. Its arrival wakes the window, which
-/// then asks for the next one; drawing the old frame again meanwhile would only take time from the
-/// renderer where there is no GPU. No more than [`MAX_STEP_S`], or the eye would lag behind the
-/// hands.
+/// Maximum time between passes while moving, if a frame is being rendered. The finished frame wakes
+/// the window, which then requests the next one; repainting the old frame earlier would only take
+/// time from the renderer where there is no GPU. At most [`MAX_STEP_S`], or the eye would lag
+/// behind the input.
 const AWAITING_PASS: Duration = Duration::from_millis(100);
 /// Points of scrolling in one notch of the wheel.
 const POINTS_PER_NOTCH: f64 = 50.0;
-/// Width of the strip in which the divider can be grabbed, points.
+/// Width of the area in which the divider can be grabbed, points.
 const DIVIDER_GRAB_POINTS: f32 = 14.0;
 
 impl Viewer {
-    /// Shows the frame in the rest of the window, and moves the eye.
-    pub(crate) fn look(&mut self, ui: &mut Ui, now_s: f64) {
+    /// Moves the eye, and shows the frame in the remaining area of the window.
+    pub(crate) fn show_viewport(&mut self, ui: &mut Ui, now_s: f64) {
         let (rect, response) = ui.allocate_exact_size(ui.available_size(), Sense::click_and_drag());
         let divider = self.drag_divider(ui, rect);
         if response.double_clicked_by(PointerButton::Primary) {
             self.commands.push(Command::Centre);
         }
         self.steer(ui, &response, now_s);
-        // Between two poses of a replay the eye does not rest, however long their frames take.
-        let moving = now_s - self.eye.moved_s < REST_S || self.tape.is_playing();
-        self.ask(ui, rect, moving);
-        if moving || self.eye.motion.is_moving() || self.tape.is_playing() {
-            // The eye coasts, or rests soon: either way there is another pass to come.
+        // The eye never rests between two poses of a replay, however slow their frames are.
+        let moving = now_s - self.eye.moved_s < REST_S || self.path_recorder.is_playing();
+        self.request_frame(ui, rect, moving);
+        if moving || self.eye.motion.is_moving() {
             let awaiting = self
                 .shown
                 .as_ref()
@@ -60,28 +59,27 @@ impl Viewer {
         self.paint_strip(ui.painter(), rect);
     }
 
-    /// Moves the eye by what the hands or the replay want.
+    /// Moves the eye by the user's input or by the replay.
     fn steer(&mut self, ui: &Ui, response: &Response, now_s: f64) {
         let before = self.eye.pose;
-        match self.tape.step(now_s) {
+        match self.path_recorder.step(now_s) {
             Replay::Show(pose) => self.eye.pose = pose,
             Replay::Ended(pose) => {
                 self.eye.pose = pose;
-                self.path_ended = true;
+                self.replay_ended = true;
             }
             Replay::Idle => self.advance(ui, response),
         }
         if self.eye.pose != before {
             self.eye.moved_s = now_s;
         }
-        self.tape.note(now_s, self.eye.pose);
+        self.path_recorder.record_pose(now_s, self.eye.pose);
     }
 
     fn advance(&mut self, ui: &Ui, response: &Response) {
         let listening = !ui.ctx().text_edit_focused();
         let (mut steering, dt_s) = ui.input(|i| {
-            // After a rest the time since the last pass says nothing about the motion that begins
-            // now.
+            // After a rest, the time since the last pass is not the duration of the motion.
             let dt_s = if self.eye.motion.is_moving() {
                 i.unstable_dt
             } else {
@@ -108,14 +106,12 @@ impl Viewer {
         if steering == idle && !self.eye.motion.is_moving() {
             return;
         }
-        let handling = self.handling(response.rect);
-        self.eye.pose = self
-            .eye
-            .motion
-            .advance(&self.eye.pose, &steering, &handling, dt_s);
+        let handling = self.steering_response(response.rect);
+        let eye = &mut self.eye;
+        eye.pose = eye.motion.advance(&eye.pose, &steering, &handling, dt_s);
     }
 
-    fn handling(&self, rect: Rect) -> SteeringResponse {
+    fn steering_response(&self, rect: Rect) -> SteeringResponse {
         let info = self.info.as_ref();
         let apart = if self.display.stereo.places() > 1 {
             self.display.separation_m / 2.0
@@ -133,8 +129,8 @@ impl Viewer {
         }
     }
 
-    /// Asks the render thread for the current view, if it is not the one asked for last.
-    fn ask(&mut self, ui: &Ui, rect: Rect, moving: bool) {
+    /// Requests the current view from the render thread, unless it was requested last.
+    fn request_frame(&mut self, ui: &Ui, rect: Rect, moving: bool) {
         let Some(info) = &self.info else { return };
         let (scale_px, max_side) = ui.input(|i| (i.pixels_per_point, i.max_texture_side));
         let max_side = u32::try_from(max_side)
@@ -147,31 +143,35 @@ impl Viewer {
         } else {
             1.0
         };
-        let (stereo, separation) = (self.display.stereo, self.display.separation_m);
-        let wish = FrameWishes {
+        let request = ViewRequest {
             pose: self.eye.pose,
             size_px,
             scale,
             moving,
-            stereo,
-            separation,
+            stereo: self.display.stereo,
+            separation: self.display.separation_m,
             sets: self.sets_shown(),
         };
         let answered = self
             .shown
             .as_ref()
             .is_some_and(|shown| shown.job.number == self.jobs_issued);
-        let forced =
-            (self.automation.wants_frames() || self.tape.pose_index().is_some()) && answered;
-        if self.wish.as_ref() == Some(&wish) && !forced {
+        let forced = (self.automation.wants_frames() || self.path_recorder.pose_index().is_some())
+            && answered;
+        if self.view_request.as_ref() == Some(&request) && !forced {
             return;
         }
-        if self.wish.as_ref().is_some_and(|old| !old.costs_as(&wish)) {
+        if self
+            .view_request
+            .as_ref()
+            .is_some_and(|old| !old.has_same_cost(&request))
+        {
             self.policy.reset();
         }
         let [width, height] = size_px.map(|side| ((f64::from(side) * scale).round() as u32).max(1));
-        // Sides are clamped to what a camera allows, so there is always a camera.
-        let Ok(cameras) = stereo.cameras(&wish.pose, separation, width, height) else {
+        // Sides are clamped to the limits of a camera, so this never fails.
+        let stereo = request.stereo;
+        let Ok(cameras) = stereo.cameras(&request.pose, request.separation, width, height) else {
             return;
         };
         self.jobs_issued += 1;
@@ -179,18 +179,18 @@ impl Viewer {
             source_id: info.id,
             number: self.jobs_issued,
             cameras,
-            sets: wish.sets.clone(),
+            sets: request.sets.clone(),
             moving,
             scale,
             issued: Instant::now(),
             round: 0,
-            replayed: self.tape.pose_index(),
+            replayed: self.path_recorder.pose_index(),
         });
-        self.wish = Some(wish);
+        self.view_request = Some(request);
     }
 
-    /// The setting sets on the screen.
-    pub(crate) fn sets_shown(&self) -> Vec<std::sync::Arc<crate::SettingValues>> {
+    /// Setting sets of the pictures on the screen: A, or A and B.
+    pub(crate) fn sets_shown(&self) -> Vec<Arc<SettingValues>> {
         let mut sets = vec![self.sets.a.clone()];
         if self.display.compare {
             sets.push(self.sets.b.clone());
@@ -198,8 +198,7 @@ impl Viewer {
         sets
     }
 
-    /// Paints the pictures of the latest frame over the whole of `rect`, whatever size they were
-    /// rendered at.
+    /// Paints the pictures of the latest frame, scaled to `rect`.
     fn paint(&self, painter: &Painter, rect: Rect) {
         let Some(shown) = &self.shown else { return };
         let (places, sets) = (shown.job.cameras.len(), shown.job.sets.len());
@@ -227,7 +226,7 @@ impl Viewer {
         }
     }
 
-    /// Positions of the divider, one per place.
+    /// Horizontal positions of the divider, one per view of a stereo pair.
     fn divider_x(&self, rect: Rect) -> Vec<f32> {
         let places = self
             .shown
@@ -240,17 +239,15 @@ impl Viewer {
         (0..places).map(x).collect()
     }
 
-    /// Lets the divider between A and B be dragged; `None` if there is none.
+    /// Moves the divider between A and B as the user drags it; `None` if there is no divider.
     fn drag_divider(&mut self, ui: &Ui, rect: Rect) -> Option<Response> {
         if !self.display.compare {
             return None;
         }
         let mut grabbed: Option<Response> = None;
-        let places = self
-            .shown
-            .as_ref()
-            .map_or(1, |shown| shown.job.cameras.len());
-        for (place, x) in self.divider_x(rect).into_iter().enumerate() {
+        let xs = self.divider_x(rect);
+        let places = xs.len();
+        for (place, x) in xs.into_iter().enumerate() {
             let strip = Rect::from_center_size(
                 pos2(x, rect.center().y),
                 vec2(DIVIDER_GRAB_POINTS, rect.height()),
@@ -288,14 +285,12 @@ impl Viewer {
             panels::room_map::paint(painter, area, plan, &self.eye.pose);
         }
     }
-}
 
-impl Viewer {
-    /// Says what is going on in the background.
+    /// Paints the progress of background work.
     fn paint_strip(&self, painter: &Painter, rect: Rect) {
         let mut pictures = self.shown.iter().flat_map(|shown| &shown.pictures);
         if let Some(ongoing) = pictures.find_map(|picture| picture.report.ongoing.as_ref()) {
-            // Beside the button that unfolds the panel.
+            // Keeps the text clear of the button that unfolds the panel.
             let folded = self.show_panels && layout::is_narrow(painter.ctx());
             let left = if folded {
                 rect.left() + layout::UNFOLD_WIDTH_POINTS
@@ -306,7 +301,7 @@ impl Viewer {
         }
     }
 
-    /// Says what colours mean, where they are not what is seen: of A, or else of B.
+    /// Paints the legend of false colours: that of A, or else of B.
     fn paint_legend(&self, painter: &Painter, rect: Rect) {
         let legends = self
             .shown
@@ -318,27 +313,9 @@ impl Viewer {
             panels::legend::paint(painter, rect.left_bottom() + vec2(margin, -margin), legend);
         }
     }
-}
 
-impl FrameWishes {
-    /// Returns true if frames of both requests should take about as long, moving at full size.
-    fn costs_as(&self, other: &Self) -> bool {
-        (self.size_px, self.stereo) == (other.size_px, other.stereo) && self.sets == other.sets
-    }
-}
-
-/// The part of the frame's rectangle that one place of a stereo pair takes.
-fn place_rect(rect: Rect, place: usize, places: usize) -> Rect {
-    let width = rect.width() / places as f32;
-    Rect::from_min_size(
-        rect.min + vec2(width * place as f32, 0.0),
-        vec2(width, rect.height()),
-    )
-}
-
-impl Viewer {
-    /// The frame on the screen as one image (stereo pairs side by side, A and B parted by the
-    /// divider): a closure, so that the work can be done on another thread.
+    /// The frame on the screen as one image (stereo pairs side by side, A and B separated by the
+    /// divider): a closure, so that another thread can assemble it.
     pub(crate) fn frame_on_screen(
         &self,
     ) -> Option<impl FnOnce() -> (usize, Vec<[u8; 4]>) + Send + use<>> {
@@ -360,4 +337,20 @@ impl Viewer {
             views::compose(&refs, places, divider)
         })
     }
+}
+
+impl ViewRequest {
+    /// Returns true if frames of both requests should take about the same time at full resolution.
+    fn has_same_cost(&self, other: &Self) -> bool {
+        (self.size_px, self.stereo) == (other.size_px, other.stereo) && self.sets == other.sets
+    }
+}
+
+/// Part of the frame's rectangle for one view of a stereo pair.
+fn place_rect(rect: Rect, place: usize, places: usize) -> Rect {
+    let width = rect.width() / places as f32;
+    Rect::from_min_size(
+        rect.min + vec2(width * place as f32, 0.0),
+        vec2(width, rect.height()),
+    )
 }

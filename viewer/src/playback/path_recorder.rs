@@ -1,4 +1,4 @@
-//! Recording and replaying a path, as a state machine without clock or window.
+//! Recording and replay of a path, as a state machine without clock or window.
 
 use crate::input::pose::Pose;
 use crate::playback::eye_path::{CameraPath, Recorder};
@@ -6,19 +6,19 @@ use crate::playback::eye_path::{CameraPath, Recorder};
 /// Replay mode of a path.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ReplayMode {
-    /// At the speed of its times; frames that are not ready in time are left out.
+    /// Replays at the speed of the path's times; late frames are skipped.
     #[default]
     InTime,
-    /// Every pose of the path is shown once, however long its frame takes.
+    /// Shows every pose of the path once, however long its frame takes.
     EveryPose,
 }
 
-/// The path in hand, and what is done with it.
+/// Current path, and the state of its recording or replay.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct PathRecorder {
     pub path: Option<CameraPath>,
     pub mode: ReplayMode,
-    /// Start again at the end.
+    /// Restart at the end of a replay.
     pub repeat: bool,
     recorder: Option<Recorder>,
     playback: Option<Playback>,
@@ -30,19 +30,19 @@ enum Playback {
     EveryPose { index: usize },
 }
 
-/// Request of a replay to the window in this pass.
+/// Pose of a replay in this pass.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Replay {
-    /// Nothing is replayed.
+    /// No replay is running.
     Idle,
-    /// Show this pose.
+    /// Pose to show.
     Show(Pose),
-    /// Show this last pose; the replay is over.
+    /// Last pose to show; the replay is over.
     Ended(Pose),
 }
 
 impl PathRecorder {
-    /// Without a path yet.
+    /// Creates a recorder without a path.
     pub(crate) fn new(mode: ReplayMode) -> Self {
         Self {
             mode,
@@ -50,7 +50,7 @@ impl PathRecorder {
         }
     }
 
-    /// Number of poses recorded so far, while recording.
+    /// Number of poses recorded so far; `None` if not recording.
     pub(crate) fn recorded(&self) -> Option<usize> {
         self.recorder.as_ref().map(Recorder::len)
     }
@@ -59,8 +59,8 @@ impl PathRecorder {
         self.playback.is_some()
     }
 
-    /// Index of the pose waiting to be shown, if every pose is to be shown: its frame must be
-    /// rendered although the pose may equal the one before.
+    /// Index of the pose to show next in mode [`ReplayMode::EveryPose`]: its frame must be rendered
+    /// even if the pose equals the previous one.
     pub(crate) fn pose_index(&self) -> Option<usize> {
         match self.playback {
             Some(Playback::EveryPose { index }) => Some(index),
@@ -68,7 +68,7 @@ impl PathRecorder {
         }
     }
 
-    /// Share of the path that has been replayed.
+    /// Share of the path that has been replayed, 0 to 1; `None` if not replaying.
     pub(crate) fn progress(&self, now_s: f64) -> Option<f64> {
         let path = self.path.as_ref()?;
         Some(match self.playback? {
@@ -79,20 +79,21 @@ impl PathRecorder {
         })
     }
 
-    /// Begins to record (a replay ends).
+    /// Starts recording; ends a replay.
     pub(crate) fn record(&mut self) {
         self.playback = None;
         self.recorder = Some(Recorder::default());
     }
 
-    /// Notes the pose, if recording.
-    pub(crate) fn note(&mut self, now_s: f64, pose: Pose) {
+    /// Records the pose, if recording.
+    pub(crate) fn record_pose(&mut self, now_s: f64, pose: Pose) {
         if let Some(recorder) = &mut self.recorder {
             recorder.record(now_s, pose);
         }
     }
 
-    /// Ends the recording; its path, if it holds anything, replaces the one in hand.
+    /// Ends the recording. Its path replaces the current one unless it is empty; returns true if it
+    /// does.
     pub(crate) fn stop_recording(&mut self) -> bool {
         let path = self.recorder.take().and_then(Recorder::finish);
         let kept = path.is_some();
@@ -100,7 +101,7 @@ impl PathRecorder {
         kept
     }
 
-    /// Begins to replay from the start; false if there is no path.
+    /// Starts a replay; returns false if there is no path.
     pub(crate) fn play(&mut self, now_s: f64) -> bool {
         self.stop_recording();
         self.playback = self.path.as_ref().map(|_| match self.mode {
@@ -114,7 +115,7 @@ impl PathRecorder {
         self.playback = None;
     }
 
-    /// The pose to show at `now_s`.
+    /// Advances the replay to `now_s`.
     pub(crate) fn step(&mut self, now_s: f64) -> Replay {
         let (Some(path), Some(playback)) = (&self.path, self.playback) else {
             return Replay::Idle;
@@ -146,9 +147,9 @@ impl PathRecorder {
         }
     }
 
-    /// The frame of pose `index` ([`Self::pose_index`]) is on the screen: on to the next, if that
-    /// was awaited.
-    pub(crate) fn shown(&mut self, index: usize) {
+    /// Advances to the next pose after the frame of pose `index` was shown, if this is the current
+    /// pose ([`Self::pose_index`]).
+    pub(crate) fn advance_after(&mut self, index: usize) {
         if self.pose_index() == Some(index) {
             self.playback = Some(Playback::EveryPose { index: index + 1 });
         }
@@ -161,7 +162,7 @@ mod tests {
     use crate::playback::eye_path::TimedPose;
     use glam::DVec3;
 
-    fn tape(mode: ReplayMode) -> PathRecorder {
+    fn recorder(mode: ReplayMode) -> PathRecorder {
         let pose = |i: u32| Pose {
             eye: DVec3::X * f64::from(i),
             yaw_rad: 0.0,
@@ -191,61 +192,61 @@ mod tests {
 
     #[test]
     fn in_time_follows_the_clock() {
-        let mut tape = tape(ReplayMode::InTime);
-        assert_eq!(tape.step(5.0), Replay::Idle);
-        assert!(tape.play(10.0));
-        assert_eq!(x(tape.step(10.0)), 0.0);
-        assert!((x(tape.step(11.5)) - 1.5).abs() < 1e-9);
-        tape.shown(0);
-        assert!((tape.progress(11.0).unwrap() - 0.5).abs() < 1e-9);
-        assert!(matches!(tape.step(12.5), Replay::Ended(pose) if pose.eye.x == 2.0));
-        assert!(!tape.is_playing());
+        let mut recorder = recorder(ReplayMode::InTime);
+        assert_eq!(recorder.step(5.0), Replay::Idle);
+        assert!(recorder.play(10.0));
+        assert_eq!(x(recorder.step(10.0)), 0.0);
+        assert!((x(recorder.step(11.5)) - 1.5).abs() < 1e-9);
+        recorder.advance_after(0);
+        assert!((recorder.progress(11.0).unwrap() - 0.5).abs() < 1e-9);
+        assert!(matches!(recorder.step(12.5), Replay::Ended(pose) if pose.eye.x == 2.0));
+        assert!(!recorder.is_playing());
     }
 
     #[test]
     fn every_pose_waits_for_its_frame() {
-        let mut tape = tape(ReplayMode::EveryPose);
-        tape.play(0.0);
+        let mut recorder = recorder(ReplayMode::EveryPose);
+        recorder.play(0.0);
         for (i, pose) in [0.0, 1.0, 2.0].into_iter().enumerate() {
-            assert_eq!(tape.pose_index(), Some(i));
-            assert_eq!(x(tape.step(1000.0 * pose)), pose);
+            assert_eq!(recorder.pose_index(), Some(i));
+            assert_eq!(x(recorder.step(1000.0 * pose)), pose);
             assert_eq!(
-                x(tape.step(1000.0 * pose + 1.0)),
+                x(recorder.step(1000.0 * pose + 1.0)),
                 pose,
                 "not before the frame was shown"
             );
-            tape.shown(i);
-            tape.shown(i);
+            recorder.advance_after(i);
+            recorder.advance_after(i);
         }
-        assert!(matches!(tape.step(9e9), Replay::Ended(_)));
-        assert_eq!(tape.step(9e9), Replay::Idle);
+        assert!(matches!(recorder.step(9e9), Replay::Ended(_)));
+        assert_eq!(recorder.step(9e9), Replay::Idle);
     }
 
     #[test]
     fn repeating_starts_again() {
         for mode in [ReplayMode::InTime, ReplayMode::EveryPose] {
-            let mut tape = PathRecorder {
+            let mut recorder = PathRecorder {
                 repeat: true,
-                ..tape(mode)
+                ..recorder(mode)
             };
-            tape.play(0.0);
-            (0..3).for_each(|i| tape.shown(i));
-            assert_eq!(x(tape.step(2.5)), 0.0);
-            assert!(tape.is_playing());
+            recorder.play(0.0);
+            (0..3).for_each(|i| recorder.advance_after(i));
+            assert_eq!(x(recorder.step(2.5)), 0.0);
+            assert!(recorder.is_playing());
         }
     }
 
     #[test]
     fn an_empty_recording_keeps_the_old_path() {
-        let mut tape = tape(ReplayMode::InTime);
-        tape.record();
-        assert_eq!(tape.recorded(), Some(0));
-        assert!(!tape.stop_recording());
-        assert_eq!(tape.path.as_ref().unwrap().poses().len(), 3);
-        tape.record();
-        let pose = tape.path.as_ref().unwrap().at(1.0);
+        let mut recorder = recorder(ReplayMode::InTime);
+        recorder.record();
+        assert_eq!(recorder.recorded(), Some(0));
+        assert!(!recorder.stop_recording());
+        assert_eq!(recorder.path.as_ref().unwrap().poses().len(), 3);
+        recorder.record();
+        let pose = recorder.path.as_ref().unwrap().at(1.0);
         (0..10).for_each(|i| {
-            tape.note(
+            recorder.record_pose(
                 f64::from(i),
                 Pose {
                     eye: DVec3::X * f64::from(i),
@@ -253,8 +254,8 @@ mod tests {
                 },
             );
         });
-        assert!(tape.stop_recording());
-        assert_eq!(tape.path.as_ref().unwrap().poses().len(), 10);
+        assert!(recorder.stop_recording());
+        assert_eq!(recorder.path.as_ref().unwrap().poses().len(), 10);
         assert!(!PathRecorder::default().play(0.0), "nothing to play");
     }
 }
