@@ -24,38 +24,38 @@ pub struct Exporter {
     pub write: fn(&dyn View, &ExportOptions, &mut dyn Write) -> Result<ExportSummary, ViewError>,
 }
 
-/// Options of exports; each format takes those that it has.
+/// Options of exports; a format ignores those of other formats.
 #[derive(Clone, Debug)]
 pub struct ExportOptions {
     /// Title of a page.
     pub title: String,
-    /// The most triangles of a `.glb`.
+    /// Maximum number of triangles of a `.glb`.
     pub triangles: u64,
     /// Plain points instead of Gaussians in a `.ply`.
     pub points: bool,
     /// Number of flat layers of an `.exr`; `None` for deep data.
     pub layers: Option<usize>,
-    /// The faces that an `.exr` holds.
+    /// Faces in an `.exr`.
     pub faces: Faces,
 }
 
 /// Summary of an export.
 #[derive(Clone, Debug, Default)]
 pub struct ExportSummary {
-    /// A few words after the size of the file, or "".
-    pub words: String,
-    /// Figures by name, for machines.
+    /// Description printed after the size of the file, or "".
+    pub details: String,
+    /// Figures by name, for JSON.
     pub figures: Vec<(&'static str, serde_json::Value)>,
-    /// Sentences about what is missing in the file.
+    /// Warnings about data that the file lacks, one sentence each.
     pub warnings: Vec<String>,
 }
 
-pub(super) const CUBE: [Exporter; 4] = of_cubes(|view, options, to| {
+pub(super) const CUBE: [Exporter; 4] = cube_exporters(|view, options, to| {
     Page::new(cube(view)?.as_ref(), &options.title)?.write(to)?;
     Ok(ExportSummary::default())
 });
 
-pub(super) const SPRITES: [Exporter; 4] = of_cubes(|view, options, to| {
+pub(super) const SPRITES: [Exporter; 4] = cube_exporters(|view, options, to| {
     Page::of_sprites(sprites(view)?, &options.title)?.write(to)?;
     Ok(ExportSummary::default())
 });
@@ -63,7 +63,7 @@ pub(super) const SPRITES: [Exporter; 4] = of_cubes(|view, options, to| {
 pub(super) const LUMIGRAPH: [Exporter; 1] = [Exporter {
     extension: "html",
     write: |view, options, to| {
-        let slabs = of_type::<LumigraphView>(view)?.slabs();
+        let slabs = downcast::<LumigraphView>(view)?.slabs();
         let [single] = slabs.all() else {
             return Err(ViewError::Other(format!(
                 "the lumigraph has {} light slabs, and a page shows one; capture it without --slabs for a page",
@@ -75,11 +75,11 @@ pub(super) const LUMIGRAPH: [Exporter; 1] = [Exporter {
     },
 }];
 
-/// A page shows a house without its backdrops.
+/// Exporters of houses: pages, without backdrops.
 pub(super) const HOUSE: [Exporter; 1] = [Exporter {
     extension: "html",
     write: |view, options, to| {
-        let house = of_type::<HouseView>(view)?.house();
+        let house = downcast::<HouseView>(view)?.house();
         let first =
             WalkPath::first_view(house).map_err(|error| ViewError::Other(error.to_string()))?;
         Page::of_house(house, &first, &options.title)?.write(to)?;
@@ -89,8 +89,8 @@ pub(super) const HOUSE: [Exporter; 1] = [Exporter {
 
 type WriteView = fn(&dyn View, &ExportOptions, &mut dyn Write) -> Result<ExportSummary, ViewError>;
 
-/// The exporters of what is, or can be turned into, a cube LDI.
-const fn of_cubes(page: WriteView) -> [Exporter; 4] {
+/// Exporters of representations that are, or can be converted to, a cube LDI.
+const fn cube_exporters(page: WriteView) -> [Exporter; 4] {
     [
         Exporter {
             extension: "html",
@@ -124,7 +124,7 @@ fn write_glb(
          --triangles, or capture with a smaller --face-size"
     );
     Ok(ExportSummary {
-        words: format!(", {triangles} triangles, samples off by up to {error_px:.1} face pixels"),
+        details: format!(", {triangles} triangles, samples off by up to {error_px:.1} face pixels"),
         figures: vec![
             ("triangles", triangles.into()),
             ("error_px", error_px.into()),
@@ -165,7 +165,7 @@ fn write_exr(
         .layers
         .map_or_else(|| "deep".into(), |layers| format!("{layers} layers"));
     Ok(ExportSummary {
-        words: format!(", {width}x{height}, {layers}, of {samples} samples"),
+        details: format!(", {width}x{height}, {layers}, of {samples} samples"),
         figures: vec![
             ("samples", samples.into()),
             ("size", vec![width, height].into()),
@@ -174,20 +174,20 @@ fn write_exr(
     })
 }
 
-/// The view as what its registry line says that it is.
-fn of_type<V: View>(view: &dyn View) -> Result<&V, ViewError> {
+/// Downcasts a view to the type of its representation.
+fn downcast<V: View>(view: &dyn View) -> Result<&V, ViewError> {
     let view: &dyn Any = view;
     view.downcast_ref()
         .ok_or_else(|| ViewError::Other(format!("the view is not a {}", type_name::<V>())))
 }
 
 fn sprites(view: &dyn View) -> Result<&SpriteSet, ViewError> {
-    Ok(of_type::<LayersView>(view)?.layers().sprites())
+    Ok(downcast::<LayersView>(view)?.layers().sprites())
 }
 
-/// The cube; of sprites one that shows what they show.
+/// Returns the cube LDI of a view; converts sprites to one.
 fn cube(view: &dyn View) -> Result<Cow<'_, CubeLdi>, ViewError> {
-    if let Ok(view) = of_type::<TruthView>(view) {
+    if let Ok(view) = downcast::<TruthView>(view) {
         return Ok(Cow::Borrowed(view.cube()));
     }
     Ok(Cow::Owned(of_sprites::cube(sprites(view)?)?))

@@ -1,13 +1,13 @@
-//! The registry of representations: how a file is opened as a [`View`], its settings, and the
-//! formats that it can be exported to.
+//! Registry of representations: how a file is opened as a [`View`], its settings, and the formats
+//! that it can be exported to.
 //!
 //! A new representation is one [`Representation`] in [`all`]: `headbox render`, the window, the
 //! report and the exports find it here. [`add`] registers one of another crate.
 //!
-//! | file | what |
+//! | file | content |
 //! |---|---|
-//! | `truth` | a cube LDI beside ray-traced truth of the scene that it was captured from |
-//! | `reference` | the thread that traces truth of the current camera |
+//! | `truth` | comparison of a cube LDI with ray-traced truth of its scene |
+//! | `reference` | the thread that traces truth for the current camera |
 //! | `export` | pages, GLB, PLY and EXR of the built-in representations |
 
 mod export;
@@ -33,7 +33,7 @@ use headbox_sprite::view::LayersView;
 use std::path::{Path, PathBuf};
 use std::sync::{PoisonError, RwLock};
 
-/// A representation that has files of its own.
+/// A representation with its own file format.
 #[derive(Clone, Copy, Debug)]
 pub struct Representation {
     /// Name, for messages: "cube LDI".
@@ -44,22 +44,22 @@ pub struct Representation {
     pub tag: Option<[u8; 4]>,
     /// Opens a file.
     pub open: fn(&Path) -> Result<Box<dyn View>, ViewError>,
-    /// The settings of its views, with the initial values of most files.
+    /// Returns the settings of its views, with the initial values of most files.
     pub settings: fn() -> Vec<Setting>,
     /// Formats that its views can be exported to.
     pub exporters: &'static [Exporter],
 }
 
-/// Why a file cannot be opened as a view.
+/// Error of opening or exporting a view.
 #[derive(Debug, thiserror::Error)]
 pub enum ViewError {
     /// The file cannot be read.
     #[error(transparent)]
     File(#[from] FileError),
-    /// The house cannot be read or walked.
+    /// The house cannot be read or shown.
     #[error(transparent)]
     House(#[from] HouseFileError),
-    /// There are no sprites in the file.
+    /// The file contains no sprites.
     #[error("{}: holds no sprites", .0.display())]
     NoSprites(PathBuf),
     /// The view could not be exported.
@@ -68,7 +68,7 @@ pub enum ViewError {
     /// The export could not be written.
     #[error(transparent)]
     Write(#[from] std::io::Error),
-    /// Another reason, in one sentence.
+    /// Another error, in one sentence.
     #[error("{0}")]
     Other(String),
 }
@@ -113,10 +113,10 @@ const BUILT_IN: [Representation; 4] = [
     },
 ];
 
-/// Representations of other crates.
+/// Registered representations of other crates.
 static ADDED: RwLock<Vec<Representation>> = RwLock::new(Vec::new());
 
-/// All representations: the built-in ones, then those of [`add`].
+/// Returns all representations: the built-in ones, then those of [`add`].
 pub fn all() -> Vec<Representation> {
     let added = ADDED.read().unwrap_or_else(PoisonError::into_inner);
     BUILT_IN.into_iter().chain(added.iter().copied()).collect()
@@ -128,9 +128,9 @@ pub fn add(representation: Representation) {
     added.push(representation);
 }
 
-/// The representation of a file: by the tag in its header, else by its extension. `None` if it is
-/// of no known kind.
-pub fn of_file(path: &Path) -> Option<Representation> {
+/// Finds the representation of a file: by the tag in its header, else by its extension. `None` if
+/// its kind is unknown.
+pub fn find(path: &Path) -> Option<Representation> {
     let tag = Container::peek_kind(path).ok().flatten();
     let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
     let mut all = all().into_iter();

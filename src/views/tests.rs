@@ -7,11 +7,11 @@ fn files_are_known_by_tag_and_by_extension() {
     let dir = tempfile::tempdir().expect("a folder");
     for representation in BUILT_IN {
         let path = dir.path().join(format!("x.{}", representation.extension));
-        let found = of_file(&path).expect("known by its extension");
+        let found = find(&path).expect("known by its extension");
         assert_eq!(found.name, representation.name);
         assert!((representation.open)(&path).is_err(), "there is no file");
     }
-    assert!(of_file(&dir.path().join("notes.txt")).is_none());
+    assert!(find(&dir.path().join("notes.txt")).is_none());
 }
 
 #[test]

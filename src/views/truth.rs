@@ -1,4 +1,4 @@
-//! A cube LDI beside ray-traced truth: the overlays "truth" and "error" (FLIP).
+//! Comparison of a cube LDI with ray-traced truth: the overlays "truth" and "error" (FLIP).
 
 use crate::reference::{LitScene, Reference, Traced};
 use glam::Vec3;
@@ -24,21 +24,21 @@ use std::sync::Arc;
 use std::time::Duration;
 
 /// Interval between two polls of truth.
-const LOOK_AGAIN: Duration = Duration::from_millis(150);
+const POLL: Duration = Duration::from_millis(150);
 
-/// A function that opens a lit scene; it may take its time.
+/// Function that opens a lit scene; may be slow.
 pub type OpenScene = Arc<dyn Fn() -> Result<LitScene, String> + Send + Sync>;
 
 /// Overlays that need truth.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Shown {
+enum TruthOverlay {
     /// The ray-traced view.
     Truth,
     /// The frame's FLIP error against it.
     Error,
 }
 
-impl Shown {
+impl TruthOverlay {
     const ALL: [(&'static str, Self); 2] = [("truth", Self::Truth), ("error", Self::Error)];
 
     fn legend(self) -> Vec<Swatch> {
@@ -52,52 +52,52 @@ impl Shown {
     }
 }
 
-/// A [`CubeView`] with two more overlays, which need the scene that was captured: ray-traced truth,
-/// and the frame's error against it. Truth is refined in the background while the camera rests.
+/// A [`CubeView`] with two more overlays, which need the captured scene: ray-traced truth, and the
+/// frame's error against it. Truth is refined in the background while the camera rests.
 pub struct TruthView {
     view: CubeView,
     scene: OpenScene,
     reference: Option<Reference>,
     painted: Frame,
     /// Overlay of the last frame.
-    shown: Option<Shown>,
+    overlay: Option<TruthOverlay>,
 }
 
 impl TruthView {
-    /// A view of `cube`, with truth from the scene that its header names.
+    /// Creates a view of `cube`, with truth from the scene that its header names.
     pub fn new(cube: impl Into<Arc<CubeLdi>>) -> Self {
         let cube = cube.into();
         let info = cube.info.clone();
-        Self::of_scene(cube, Arc::new(move || reopen(&info)))
+        Self::with_scene(cube, Arc::new(move || reopen(&info)))
     }
 
-    /// A view of `cube`, with truth from a scene that `scene` opens when it is first wanted.
-    pub fn of_scene(cube: Arc<CubeLdi>, scene: OpenScene) -> Self {
+    /// Creates a view of `cube`, with truth from a scene that `scene` opens on first use.
+    pub fn with_scene(cube: Arc<CubeLdi>, scene: OpenScene) -> Self {
         Self {
             view: CubeView::new(cube),
             scene,
             reference: None,
             painted: Frame::default(),
-            shown: None,
+            overlay: None,
         }
     }
 
-    /// The cube.
+    /// The cube that is shown.
     pub fn cube(&self) -> &Arc<CubeLdi> {
         self.view.cube()
     }
 
-    /// Shows another cube of the same scene instead.
+    /// Replaces the cube by another one of the same scene.
     pub fn show(&mut self, cube: Arc<CubeLdi>) {
         self.view.show(cube);
     }
 
-    /// The settings of every cube LDI, with the two overlays.
+    /// Settings of every cube LDI, with the two overlays.
     pub fn setting_table() -> Vec<Setting> {
         let mut settings = CubeView::setting_table();
         for setting in settings.iter_mut().filter(|setting| setting.id == OVERLAY) {
             if let Control::Choice { options, .. } = &mut setting.control {
-                options.extend(Shown::ALL.map(|(name, _)| name.to_owned()));
+                options.extend(TruthOverlay::ALL.map(|(name, _)| name.to_owned()));
             }
             setting.tooltip += " Also the ray-traced truth of this view, and the frame's error against it (FLIP, black 0 to \
                                 yellow 1); both are refined while the eye rests.";
@@ -107,13 +107,13 @@ impl TruthView {
 
     /// Progress of truth, if the last frame showed it.
     fn ongoing(&self) -> Option<Ongoing> {
-        self.shown.and(self.reference.as_ref())?.ongoing()
+        self.overlay.and(self.reference.as_ref())?.ongoing()
     }
 
-    /// Paints truth, or the error against it, as far as it is known.
+    /// Paints the overlay, if truth is already available.
     fn paint(
         &mut self,
-        shown: Shown,
+        overlay: TruthOverlay,
         camera: &Camera,
     ) -> Result<(Vec<Figure>, Refinement), String> {
         let reference = match &self.reference {
@@ -124,20 +124,19 @@ impl TruthView {
             }
         };
         let Some(traced) = reference.request(camera)? else {
-            return Ok((Vec::new(), Refinement::Later(LOOK_AGAIN)));
+            return Ok((Vec::new(), Refinement::Later(POLL)));
         };
         let refinement = if traced.is_final() {
             Refinement::Done
         } else {
-            Refinement::Later(LOOK_AGAIN)
+            Refinement::Later(POLL)
         };
-        let figures = judge(shown, &traced, &mut self.painted)?;
+        let figures = compare(overlay, &traced, &mut self.painted)?;
         Ok((figures, refinement))
     }
 }
 
-/// Opens the scene that an LDI names, with the light it was captured in; path guiding is not
-/// learnt yet.
+/// Opens the scene that an LDI names, in the light of its capture, without a learnt light guide.
 fn reopen(info: &CaptureInfo) -> Result<LitScene, String> {
     let source = SceneSource::in_frame(&info.scene, info.frame).lit_by(info.light.clone());
     let scene = source
@@ -194,14 +193,13 @@ impl View for TruthView {
     }
 
     fn render(&mut self, request: &FrameRequest) -> Result<Rendered<'_>, String> {
-        let of_cube = self.view.overlay_count();
-        let overlay = request.settings.choice(OVERLAY)?;
-        let shown = overlay
-            .checked_sub(of_cube)
-            .and_then(|i| Shown::ALL.get(i))
-            .map(|(_, shown)| *shown);
-        self.shown = shown.filter(|_| !request.moving);
-        let Some(shown) = shown else {
+        let choice = request.settings.choice(OVERLAY)?;
+        let overlay = choice
+            .checked_sub(self.view.overlay_count())
+            .and_then(|i| TruthOverlay::ALL.get(i))
+            .map(|(_, overlay)| *overlay);
+        self.overlay = overlay.filter(|_| !request.moving);
+        let Some(overlay) = overlay else {
             if let Some(reference) = &self.reference {
                 reference.clear();
             }
@@ -209,9 +207,9 @@ impl View for TruthView {
         };
         let Rendered { frame, mut report } = self.view.render(request)?;
         self.painted.clone_from(frame);
-        let (figures, refinement) = self.paint(shown, &request.camera)?;
+        let (figures, refinement) = self.paint(overlay, &request.camera)?;
         report.figures.splice(0..0, figures);
-        report.legend = shown.legend();
+        report.legend = overlay.legend();
         report.refinement = refinement;
         report.ongoing = self.ongoing();
         Ok(Rendered {
@@ -229,8 +227,9 @@ impl View for TruthView {
     }
 }
 
-/// A picture with one pixel for each square of `side`, the mean of those of it that there are.
-fn averaged(image: &RgbImage, side: u32) -> RgbImage {
+/// Downsamples an image by the integer factor `side`: means of squares in linear light, cropped at
+/// the right and lower borders.
+fn downsample(image: &RgbImage, side: u32) -> RgbImage {
     let (width, height) = image.dimensions();
     RgbImage::from_fn(width.div_ceil(side), height.div_ceil(side), |x, y| {
         let columns = x * side..((x + 1) * side).min(width);
@@ -245,20 +244,24 @@ fn averaged(image: &RgbImage, side: u32) -> RgbImage {
     })
 }
 
-/// Paints truth or the error against it over a frame, and returns the figures of the comparison.
-fn judge(shown: Shown, traced: &Traced, frame: &mut Frame) -> Result<Vec<Figure>, String> {
+/// Compares a frame with truth, paints the overlay over it, and returns the figures.
+fn compare(
+    overlay: TruthOverlay,
+    traced: &Traced,
+    frame: &mut Frame,
+) -> Result<Vec<Figure>, String> {
     let mut image = frame.to_rgb().map_err(|error| error.to_string())?;
     let (truth, side) = (&traced.truth.rgb(), traced.coarseness());
     if side > 1 {
-        image = averaged(&image, side);
+        image = downsample(&image, side);
     }
-    let words = |error: metrics::MetricError| error.to_string();
+    let message = |error: metrics::MetricError| error.to_string();
     let map =
-        metrics::flip_map(truth, &image, metrics::DEFAULT_PIXELS_PER_DEGREE).map_err(words)?;
-    let psnr_db = metrics::psnr_db(truth, &image).map_err(words)?;
-    let picture = match shown {
-        Shown::Truth => truth,
-        Shown::Error => &map.to_magma(),
+        metrics::flip_map(truth, &image, metrics::DEFAULT_PIXELS_PER_DEGREE).map_err(message)?;
+    let psnr_db = metrics::psnr_db(truth, &image).map_err(message)?;
+    let picture = match overlay {
+        TruthOverlay::Truth => truth,
+        TruthOverlay::Error => &map.to_magma(),
     };
     let width = frame.width.max(1) as usize;
     for (i, pixel) in frame.color.iter_mut().enumerate() {

@@ -1,4 +1,4 @@
-//! Facts that several sources tell beside their frames.
+//! Facts that several sources report with their frames.
 
 use headbox_core::file_frame::FileFrame;
 use headbox_core::simd;

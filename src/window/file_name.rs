@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-/// The name of a file without its folder.
+/// Name of a file without its folder.
 pub(super) fn file_name(file: &Path) -> String {
     file.file_name()
         .unwrap_or(file.as_os_str())

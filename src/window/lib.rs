@@ -1,18 +1,18 @@
 //! Sources of the window: each kind of file as a [`FrameSource`](headbox_viewer::FrameSource), and
 //! the built-in scenes as its [`Library`](headbox_viewer::Library).
 //!
-//! | file | what |
+//! | file | content |
 //! |---|---|
-//! | `library` | which source opens what; the start page |
-//! | `view` | any [`View`](headbox_core::view::View) of a file |
-//! | `cube` | a cube LDI that grows while it is looked at |
+//! | `library` | registry of sources by kind of file; the start page |
+//! | `view` | any [`View`](headbox_core::view::View) as a source |
+//! | `cube` | a cube LDI that is replaced by finer ones while it is shown |
 //! | `progressive_capture` | the capture of a scene in rounds, on a thread of low priority |
-//! | `photographs` | a folder of photographs without depth, coloured into cube LDIs in the background, coarse ones first |
-//! | `points` | a scene as points, until its first round is captured |
-//! | `house` | a house whose light is baked while it is walked |
+//! | `photographs` | photographs without depth, coloured into cube LDIs in the background, coarse ones first |
+//! | `points` | point cloud of a scene, until its first round is captured |
+//! | `house` | a house whose light is baked during the walk |
 //! | `live` | a folder of images, by cube LDIs of those nearest to the view, built in the background |
-//! | `marks` | where pictures were taken, drawn over what is made of them |
-//! | `terms` | a sentence for each term of the panel |
+//! | `marks` | camera positions and sparse points of an image set, drawn over frames |
+//! | `terms` | explanations of the terms in the panel |
 //! | `threads` | frames rendered with fewer threads |
 
 mod facts;
@@ -34,7 +34,7 @@ use headbox_core::camera::Camera;
 use headbox_core::view::StartView;
 use headbox_viewer::Pose;
 
-/// Upright pose that shows what a camera sees.
+/// Upright pose of a camera.
 fn start_at(camera: &Camera) -> Pose {
     sources::view::pose(&StartView::of_camera(camera))
 }

@@ -10,13 +10,13 @@ use headbox_viewer::{
 };
 use tiny_skia::{Color, LineCap, Paint, PathBuilder, PixmapMut, Stroke, Transform};
 
-/// The pyramid of a camera is so long, of the distance to the next one.
+/// Length of a camera's pyramid as a share of the median distance between cameras.
 const LENGTH: f64 = 0.4;
 
-/// Lines end so close before the eye, of a pyramid's length.
+/// Eye depth of the near plane for lines as a share of a pyramid's length.
 const NEAREST: f64 = 1e-3;
 
-/// Pyramids, yellow.
+/// Colour of pyramids: yellow.
 const CAMERA: [u8; 3] = [255, 210, 40];
 
 const LINE_PX: f32 = 1.5;
@@ -42,16 +42,17 @@ impl MarkKind {
     ];
 }
 
-/// The cameras of an image set, and its sparse points.
+/// Cameras of an image set, and its sparse points.
 pub struct Marks {
     cameras: Vec<Pyramid>,
     points: Vec<SparsePoint>,
     length_m: f64,
 }
 
-/// A camera's eye, and in which directions the corners of its picture lie, at eye depth 1.
+/// View pyramid of a camera.
 struct Pyramid {
     eye: DVec3,
+    /// Corners of the image relative to the eye, at eye depth 1.
     corners: [DVec3; 4],
 }
 
@@ -59,22 +60,21 @@ impl Marks {
     /// Collects the marks of views and sparse points.
     pub fn new(views: &[View], points: Vec<SparsePoint>) -> Self {
         let eyes: Vec<DVec3> = views.iter().map(|view| view.pose.eye).collect();
-        let cameras = views.iter().map(Pyramid::of).collect();
         Self {
-            cameras,
+            cameras: views.iter().map(Pyramid::new).collect(),
             points,
             length_m: LENGTH * spacing_m(&eyes).unwrap_or(1.0),
         }
     }
 
-    /// Draws what was asked for over what a camera shows.
-    fn draw(&self, over: MarkKind, camera: &Camera, pixels: &mut [[u8; 4]]) {
-        if matches!(over, MarkKind::Points | MarkKind::Both) {
-            self.points
-                .iter()
-                .for_each(|point| paint_point(point, camera, pixels));
+    /// Draws marks over the frame of a camera.
+    fn draw(&self, kind: MarkKind, camera: &Camera, pixels: &mut [[u8; 4]]) {
+        if matches!(kind, MarkKind::Points | MarkKind::Both) {
+            for point in &self.points {
+                paint_point(point, camera, pixels);
+            }
         }
-        if matches!(over, MarkKind::Cameras | MarkKind::Both) {
+        if matches!(kind, MarkKind::Cameras | MarkKind::Both) {
             self.draw_cameras(camera, pixels);
         }
     }
@@ -82,7 +82,7 @@ impl Marks {
     fn draw_cameras(&self, camera: &Camera, pixels: &mut [[u8; 4]]) {
         let mut lines = PathBuilder::new();
         for pyramid in &self.cameras {
-            // From within, a pyramid is a frame about all that one sees.
+            // Seen from inside, a pyramid would only frame the whole view.
             if pyramid.eye.distance(camera.eye()) < self.length_m {
                 continue;
             }
@@ -92,7 +92,8 @@ impl Marks {
             let rim = (0..4).map(|i| [corners[i], corners[(i + 1) % 4]]);
             let edges = corners.iter().map(|corner| [pyramid.eye, *corner]);
             for [from, to] in rim.chain(edges) {
-                let Some([from, to]) = in_frame(camera, from, to, NEAREST * self.length_m) else {
+                let Some([from, to]) = project_line(camera, from, to, NEAREST * self.length_m)
+                else {
                     continue;
                 };
                 lines.move_to(from[0], from[1]);
@@ -119,7 +120,7 @@ impl Marks {
 }
 
 impl Pyramid {
-    fn of(view: &View) -> Self {
+    fn new(view: &View) -> Self {
         let [width, height] = view.size_px.map(f64::from);
         let corner = |[x, y]: [f64; 2]| match view.lens {
             Lens::Pinhole(Pinhole {
@@ -131,7 +132,7 @@ impl Pyramid {
                 (principal_px[1] - y) / focal_px[1],
                 -1.0,
             ),
-            // It looks everywhere: a square ahead says where its middle is.
+            // A panorama has no corners: a square marks its centre.
             Lens::Equirectangular => DVec3::new(x / width - 0.5, 0.5 - y / height, -1.0),
         };
         let corners = [[0.0, 0.0], [width, 0.0], [width, height], [0.0, height]];
@@ -142,11 +143,11 @@ impl Pyramid {
     }
 }
 
-/// The median distance of an eye from the nearest other one, metres.
+/// Median distance of an eye from the nearest other one, metres.
 fn spacing_m(eyes: &[DVec3]) -> Option<f64> {
-    /// Largest number of points tested for visibility; these represent all.
-    const ASKED: usize = 256;
-    let step = eyes.len().div_ceil(ASKED).max(1);
+    /// Maximum number of eyes whose distances are measured.
+    const MAX_SAMPLES: usize = 256;
+    let step = eyes.len().div_ceil(MAX_SAMPLES).max(1);
     let nearest = |i: usize| {
         let others = eyes.iter().enumerate().filter(|(other, _)| *other != i);
         others
@@ -155,28 +156,27 @@ fn spacing_m(eyes: &[DVec3]) -> Option<f64> {
             .fold(f64::INFINITY, f64::min)
     };
     let distances = (0..eyes.len()).step_by(step).map(nearest);
-    median(
-        distances
-            .filter(|distance| distance.is_finite())
-            .collect::<Vec<f64>>(),
-    )
+    median(distances.filter(|distance| distance.is_finite()))
 }
 
-/// A line from one point to another as far as it lies before the eye, in pixels.
-fn in_frame(camera: &Camera, from: DVec3, to: DVec3, nearest_m: f64) -> Option<[[f32; 2]; 2]> {
+/// Projects a line segment, clipped by a near plane at eye depth `nearest_m`; returns its ends in
+/// pixels.
+fn project_line(camera: &Camera, from: DVec3, to: DVec3, nearest_m: f64) -> Option<[[f32; 2]; 2]> {
     let depth = |point: DVec3| (point - camera.eye()).dot(camera.forward());
     let [near, far] = [depth(from), depth(to)];
-    let end = |point: DVec3, own: f64, other: DVec3, others: f64| match own >= nearest_m {
-        true => Some(point),
-        false if others >= nearest_m => {
+    let clip = |point: DVec3, own: f64, other: DVec3, others: f64| {
+        if own >= nearest_m {
+            Some(point)
+        } else if others >= nearest_m {
             Some(point + (other - point) * ((nearest_m - own) / (others - own)))
+        } else {
+            None
         }
-        false => None,
     };
-    let ends = [end(from, near, to, far)?, end(to, far, from, near)?];
+    let ends = [clip(from, near, to, far)?, clip(to, far, from, near)?];
     let [from, to] = ends.map(|point| camera.project(point));
     let px = |at: [f64; 3]| [at[0] as f32, at[1] as f32];
-    // Beyond this a line that starts just before the eye has no place in pixels.
+    // Drops lines close to the near plane, whose pixel coordinates are huge.
     let is_sane = |at: &[f32; 2]| at.iter().all(|x| x.abs() < 1e6);
     Some([px(from?), px(to?)]).filter(|ends| ends.iter().all(is_sane))
 }
@@ -188,7 +188,7 @@ fn paint_point(point: &SparsePoint, camera: &Camera, pixels: &mut [[u8; 4]]) {
     let [width, height] = [camera.width(), camera.height()].map(i64::from);
     let [r, g, b] = point.color;
     let span = |at: f64, end: i64| {
-        // `as` leaves what lies outside of all pixels outside.
+        // The cast saturates, so positions far outside the frame stay outside.
         let middle = at.round() as i64;
         middle.saturating_sub(POINT_PX).clamp(0, end)..middle.saturating_add(POINT_PX).clamp(0, end)
     };
@@ -201,15 +201,8 @@ fn paint_point(point: &SparsePoint, camera: &Camera, pixels: &mut [[u8; 4]]) {
 
 /// Source whose frames are overlaid with marks.
 pub(crate) struct MarkedSource {
-    source: Box<dyn FrameSource>,
-    marks: Marks,
-}
-
-impl MarkedSource {
-    /// A source whose frames can show marks.
-    pub(crate) fn new(source: Box<dyn FrameSource>, marks: Marks) -> Self {
-        Self { source, marks }
-    }
+    pub(crate) source: Box<dyn FrameSource>,
+    pub(crate) marks: Marks,
 }
 
 impl FrameSource for MarkedSource {
@@ -266,11 +259,11 @@ impl FrameSource for MarkedSource {
         pixels: &mut [[u8; 4]],
     ) -> Result<FrameReport, String> {
         let mut report = self.source.render(request, pixels)?;
-        let chosen = MarkKind::ALL
+        let kind = MarkKind::ALL
             .get(request.settings.choice("marks")?)
-            .map_or(MarkKind::Nothing, |(_, over)| *over);
-        self.marks.draw(chosen, &request.camera, pixels);
-        if matches!(chosen, MarkKind::Cameras | MarkKind::Both) {
+            .map_or(MarkKind::Nothing, |(_, kind)| *kind);
+        self.marks.draw(kind, &request.camera, pixels);
+        if matches!(kind, MarkKind::Cameras | MarkKind::Both) {
             let label = format!("where {} pictures were taken", self.marks.cameras.len());
             report.legend.push(Swatch {
                 color: CAMERA,
@@ -376,9 +369,9 @@ mod tests {
         let camera =
             Camera::from_parts(DVec3::ZERO, DMat3::IDENTITY, 80.0, SIZE[0], SIZE[1]).unwrap();
         let (ahead, behind) = (DVec3::new(0.5, 0.0, -1.0), DVec3::new(0.5, 0.0, 1.0));
-        let [from, to] = in_frame(&camera, ahead, behind, 0.5).unwrap();
+        let [from, to] = project_line(&camera, ahead, behind, 0.5).unwrap();
         assert_eq!((from, to), ([140.0, 50.0], [180.0, 50.0]));
-        assert_eq!(in_frame(&camera, behind, ahead, 0.5), Some([to, from]));
-        assert_eq!(in_frame(&camera, behind, behind * 2.0, 0.5), None);
+        assert_eq!(project_line(&camera, behind, ahead, 0.5), Some([to, from]));
+        assert_eq!(project_line(&camera, behind, behind * 2.0, 0.5), None);
     }
 }

@@ -1,6 +1,6 @@
-//! A sentence for each term that the panel of the window shows.
+//! Explanations of the terms in the panel of the window.
 
-/// Terms of figures, facts and overlays, with what they mean.
+/// Terms of figures, facts and overlays, each with its explanation.
 pub(super) const TERMS: [(&str, &str); 47] = [
     // Stages.
     ("clear", "Empties the frame's buffers."),

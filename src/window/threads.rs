@@ -5,12 +5,12 @@ use rayon::{ThreadPool, ThreadPoolBuilder};
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
 
-/// Pools of fewer threads than the program uses elsewhere, made when they are first wanted.
+/// Pools of fewer threads than the program uses elsewhere, created on first use.
 #[derive(Default)]
 pub(super) struct FewerThreads(BTreeMap<usize, ThreadPool>);
 
 impl FewerThreads {
-    /// The control that says how many threads draw a frame.
+    /// Setting of the number of threads that draw a frame.
     pub(super) fn setting() -> Setting {
         let cores = rayon::current_num_threads() as u32;
         Setting::count(
@@ -22,8 +22,8 @@ impl FewerThreads {
         )
     }
 
-    /// Does `work` on as many threads as [`Self::setting`] is set to; on those of the program if
-    /// they are not more.
+    /// Runs `work` on the number of threads that [`Self::setting`] specifies, or on the program's
+    /// own threads if there are no more of them.
     ///
     /// # Errors
     /// One sentence, if there is no such setting or threads cannot be started.

@@ -1,4 +1,5 @@
-//! A cube LDI that grows while it is looked at: captured in rounds, or made of photographs.
+//! A cube LDI that is replaced by finer ones while it is shown: captured in rounds, or made of
+//! photographs.
 
 use super::points::Points;
 use super::progressive_capture::{CaptureStatus, ProgressiveCapture};
@@ -22,14 +23,14 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// A cube LDI that [`Self::show`] or a capture brings, finer and finer.
+/// Source of a cube LDI that is replaced by [`Self::show`] or by its own capture.
 pub(super) struct CubeSource {
     title: String,
     place: Place,
-    /// None until the first cube is there.
+    /// View of the latest cube; `None` until there is one.
     view: Option<TruthView>,
     threads: FewerThreads,
-    growing: Option<Growing>,
+    live: Option<LiveCapture>,
 }
 
 /// Default view and headbox of an LDI.
@@ -42,27 +43,27 @@ pub(super) struct Place {
     pub(super) frame: FileFrame,
 }
 
-/// State of a cube LDI that is still being captured.
-struct Growing {
+/// A capture that runs while its cube LDI is shown.
+struct LiveCapture {
     capture: ProgressiveCapture,
     begun: Instant,
-    /// Shown before there is anything else.
+    /// Point cloud shown before the first cube.
     points: Points,
     /// File that the button writes.
     file: PathBuf,
 }
 
-/// Id of the button that saves a growing LDI.
+/// Id of the button that saves the LDI.
 const SAVE: &str = "save";
 
-/// Interval between two polls of a growing capture.
-const LOOK_AGAIN: Duration = Duration::from_millis(250);
+/// Interval between two polls of a live capture.
+const POLL: Duration = Duration::from_millis(250);
 
 impl CubeSource {
-    /// A scene that is captured while one looks around in it; can be saved in `output_dir`.
+    /// Starts the capture of a scene, which can be saved in `output_dir`.
     ///
     /// # Errors
-    /// One sentence.
+    /// One sentence if the scene cannot be opened or captured.
     pub(super) fn capture(source: SceneSource, output_dir: &Path) -> Result<Self, String> {
         let stem = source.name.strip_prefix("builtin:").unwrap_or(&source.name);
         let stem = Path::new(stem).file_stem().map_or_else(
@@ -74,36 +75,30 @@ impl CubeSource {
         } else {
             file_name(Path::new(&source.name))
         };
-        let title = format!("{name} (live capture)");
         let (capture, found) = ProgressiveCapture::start(source)?;
         let scene = found.tracer.scene();
-        let (centre, half_size_m) = (found.headbox.centre, found.headbox.half_size_m);
-        let ahead = suggest_view(&found.tracer, centre);
+        let centre = found.headbox.centre;
         let place = Place {
             centre,
-            half_size_m,
-            ahead,
+            half_size_m: found.headbox.half_size_m,
+            ahead: suggest_view(&found.tracer, centre),
             up: DVec3::Y,
             frame: scene.frame,
         };
-        let (begun, points, file) = (
-            Instant::now(),
-            Points::new(scene, centre),
-            output_dir.join(stem + ".ldi"),
-        );
-        Ok(Self::new(
-            title,
-            place,
-            Some(Growing {
-                capture,
-                begun,
-                points,
-                file,
-            }),
-        ))
+        let live = LiveCapture {
+            capture,
+            begun: Instant::now(),
+            points: Points::new(scene, centre),
+            file: output_dir.join(stem + ".ldi"),
+        };
+        Ok(Self {
+            live: Some(live),
+            ..Self::to_come(format!("{name} (live capture)"), place)
+        })
     }
 
-    /// A cube made of the images in `folder`, to be replaced as the eye moves.
+    /// Creates the source of a cube made of the images in `folder`, to be replaced as the eye
+    /// moves.
     pub(super) fn of_images(cube: CubeLdi, folder: &Path) -> Self {
         let start = CubeView::start_in(&cube);
         let place = Place {
@@ -114,66 +109,61 @@ impl CubeSource {
             frame: cube.info.frame,
         };
         let title = format!("{} (cube LDI)", file_name(folder));
-        let mut source = Self::new(title, place, None);
+        let mut source = Self::to_come(title, place);
         source.show(cube);
         source
     }
 
-    /// A cube that [`Self::show`] will bring.
+    /// Creates a source without a cube, which [`Self::show`] will set.
     pub(super) fn to_come(title: String, place: Place) -> Self {
-        Self::new(title, place, None)
-    }
-
-    fn new(title: String, place: Place, growing: Option<Growing>) -> Self {
         Self {
             title,
             place,
             view: None,
             threads: FewerThreads::default(),
-            growing,
+            live: None,
         }
     }
 
-    /// Shows another cube instead.
+    /// Replaces the cube.
     pub(super) fn show(&mut self, cube: impl Into<Arc<CubeLdi>>) {
         let cube = cube.into();
-        match (&mut self.view, &self.growing) {
+        match (&mut self.view, &self.live) {
             (Some(view), _) => view.show(cube),
-            (None, Some(growing)) => {
-                let scene = Arc::new(growing.capture.lit_scene());
-                self.view = Some(TruthView::of_scene(cube, scene));
+            (None, Some(live)) => {
+                let scene = Arc::new(live.capture.lit_scene());
+                self.view = Some(TruthView::with_scene(cube, scene));
             }
             (None, None) => self.view = Some(TruthView::new(cube)),
         }
     }
 
-    /// The cube shown.
     fn cube(&self) -> Option<&Arc<CubeLdi>> {
         self.view.as_ref().map(TruthView::cube)
     }
 
-    /// Takes over what a growing capture has become, and tells how far it is.
-    fn grow(&mut self) -> Result<Option<CaptureStatus>, String> {
-        let Some(growing) = &self.growing else {
+    /// Shows the latest cube of a live capture, and returns the capture's status.
+    fn update(&mut self) -> Result<Option<CaptureStatus>, String> {
+        let Some(live) = &self.live else {
             return Ok(None);
         };
-        let newer = growing.capture.newer_than(self.cube());
-        let error = growing.capture.take_error();
-        let status = growing.capture.status();
+        let newer = live.capture.newer_than(self.cube());
+        let error = live.capture.take_error();
+        let status = live.capture.status();
         if let Some(newer) = newer {
             self.show(newer);
         }
         error.map_or_else(|| Ok(Some(status)), Err)
     }
 
-    /// Work that is going on, and how far it is.
+    /// Progress of a live capture; `None` if it has ended.
     fn ongoing(&self, status: &CaptureStatus) -> Option<Ongoing> {
-        let growing = self.growing.as_ref().filter(|_| !status.ended)?;
+        let live = self.live.as_ref().filter(|_| !status.ended)?;
         let [done, all] = status.rounds;
         Some(Ongoing::since(
             format!("capturing, round {} of {all}", done + 1),
             status.share,
-            growing.begun,
+            live.begun,
         ))
     }
 }
@@ -209,10 +199,10 @@ impl FrameSource for CubeSource {
 
     fn settings(&self) -> Vec<Setting> {
         let mut settings = view::settings(TruthView::setting_table());
-        if let Some(growing) = &self.growing {
+        if let Some(live) = &self.live {
             let tip = format!(
                 "Writes the LDI as captured so far to {}.",
-                growing.file.display()
+                live.file.display()
             );
             settings.push(Setting::action(SAVE, "Save as .ldi", &tip).under("Capture"));
         }
@@ -224,43 +214,42 @@ impl FrameSource for CubeSource {
         request: &FrameRequest,
         pixels: &mut [[u8; 4]],
     ) -> Result<FrameReport, String> {
-        let status = self.grow()?;
+        let status = self.update()?;
         let ongoing = status.and_then(|status| self.ongoing(&status));
         let Some(view) = &mut self.view else {
-            if let Some(growing) = &mut self.growing {
-                growing.points.paint(&request.camera, pixels);
+            if let Some(live) = &mut self.live {
+                live.points.paint(&request.camera, pixels);
             }
             return Ok(FrameReport {
                 ongoing,
-                refinement: Refinement::Later(LOOK_AGAIN),
+                refinement: Refinement::Later(POLL),
                 facts: vec![axes_fact(&self.place.frame)],
                 ..FrameReport::default()
             });
         };
         let mut report = view::render(view, &mut self.threads, request, pixels)?;
         if ongoing.is_some() {
-            report.refinement = Refinement::Later(LOOK_AGAIN);
+            report.refinement = Refinement::Later(POLL);
         }
-        // Truth is what one waits for if one asked for it.
+        // The progress of truth, if it is shown, has priority.
         report.ongoing = report.ongoing.or(ongoing);
         Ok(report)
     }
 
     fn act(&mut self, action: &str) -> Result<String, String> {
-        match &self.growing {
-            Some(growing) if action == SAVE => {
-                let newest = growing
+        match &self.live {
+            Some(live) if action == SAVE => {
+                let newest = live
                     .capture
                     .newer_than(self.cube())
                     .or_else(|| self.cube().cloned());
                 let cube =
                     newest.ok_or("There is nothing to save before the first round is done.")?;
-                cube.write(&growing.file)
-                    .map_err(|error| error.to_string())?;
+                cube.write(&live.file).map_err(|error| error.to_string())?;
                 let (count, face) = (cube.depth_pixel_count(), cube.face_size_px);
                 Ok(format!(
                     "Saved {}: {count} depth pixels, faces of {face} px.",
-                    growing.file.display()
+                    live.file.display()
                 ))
             }
             _ => Err(format!(

@@ -34,10 +34,10 @@ use std::sync::Arc;
 /// Extensions of scene files.
 const SCENES: [&str; 3] = ["obj", "gltf", "glb"];
 
-/// Why something cannot be shown.
+/// Error of opening a source.
 #[derive(Debug, thiserror::Error)]
 pub enum OpenError {
-    /// It is no file of a kind that can be shown.
+    /// The file is of a kind that cannot be shown.
     #[error(
         "{name}: only cube LDIs (.ldi), deep pictures (.exr), sprites (.sprite), lumigraphs (.lumi), houses (.house), homes (Home.xml, \
          .sh3d, .toml), scenes (.obj, .gltf, .glb) and builtin:NAME can be shown"
@@ -54,11 +54,11 @@ pub enum OpenError {
     Scene(String),
 }
 
-/// The built-in scene that is walked rather than captured.
+/// Built-in scene that is shown as a house instead of being captured.
 const HOUSE: &str = "builtin:house";
 
-/// Opens a file of any kind, or `builtin:NAME`. The built-in house is walked. Other scenes are
-/// captured while they are looked at, and saved in `output_dir` on request.
+/// Opens a file of any kind, or `builtin:NAME`. The built-in house is opened as a house. Other
+/// scenes are captured while they are shown, and saved in `output_dir` on request.
 ///
 /// # Errors
 /// See [`OpenError`].
@@ -77,15 +77,16 @@ pub fn open_source(
     let name = source.name.as_str();
     let path = Path::new(name);
     let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase());
+    let capture = |source| CubeSource::capture(source, output_dir).map_err(OpenError::Scene);
     let source: Box<dyn FrameSource> = match extension.as_deref() {
         _ if name == HOUSE => Box::new(HouseSource::builtin().map_err(OpenError::Scene)?),
-        _ if name.starts_with("builtin:") => Box::new(capture(source, output_dir)?),
+        _ if name.starts_with("builtin:") => Box::new(capture(source)?),
         Some("exr") => show_cube(deep_picture(path).map_err(OpenError::Scene)?, path),
         Some(extension) if HOMES.contains(&extension) => {
             Box::new(HouseSource::load(path).map_err(OpenError::Scene)?)
         }
-        Some(extension) if SCENES.contains(&extension) => Box::new(capture(source, output_dir)?),
-        _ => match headbox_views::of_file(path) {
+        Some(extension) if SCENES.contains(&extension) => Box::new(capture(source)?),
+        _ => match headbox_views::find(path) {
             Some(representation) => show_view((representation.open)(path)?, path),
             None => {
                 return Err(OpenError::Kind {
@@ -97,34 +98,35 @@ pub fn open_source(
     Ok(source)
 }
 
-/// A view of what was made from the file or folder `origin`.
+/// Creates the source of a view whose data come from the file or folder `origin`.
 pub fn show_view(view: Box<dyn View>, origin: &Path) -> Box<dyn FrameSource> {
     Box::new(ViewSource::new(view, origin))
 }
 
-/// A cube LDI that was made from `origin`.
+/// Creates the source of a cube LDI that was made from `origin`.
 pub fn show_cube(cube: CubeLdi, origin: &Path) -> Box<dyn FrameSource> {
     show_view(Box::new(TruthView::new(cube)), origin)
 }
 
-/// The cube of a deep picture whose header tells its camera.
+/// Converts a deep image with a camera in its header to a cube LDI.
 fn deep_picture(path: &Path) -> Result<CubeLdi, String> {
     let image = DeepImage::read(path).map_err(|error| error.to_string())?;
-    let of_file = |error: &dyn Display| format!("{}: {error}", path.display());
+    let with_path = |error: &dyn Display| format!("{}: {error}", path.display());
     let cube = cube_of_deep(&image, DeepPlace::default()).map_err(|error| match error {
-        FromDeepError::View => of_file(&format!(
+        FromDeepError::View => with_path(&format!(
             "{error} (headbox capture {} --fov DEG -o F.ldi)",
             path.display()
         )),
-        error => of_file(&error),
+        error => with_path(&error),
     })?;
-    CubeLdi::pack(&cube, SplatIndexLayout::Normal, Split::Auto).map_err(|error| of_file(&error))
+    CubeLdi::pack(&cube, SplatIndexLayout::Normal, Split::Auto).map_err(|error| with_path(&error))
 }
 
-/// The images of the folder `origin` nearest to where one looks from, at first from `start`.
+/// Creates the source of the images in the folder `origin` that are nearest to the eye, initially
+/// at `start`.
 ///
 /// # Errors
-/// [`OpenError::Scene`] if an image cannot be read, or no thread started.
+/// [`OpenError::Scene`] if an image cannot be read, or no thread can be started.
 pub fn show_live(
     near: NearImages,
     origin: &Path,
@@ -136,11 +138,11 @@ pub fn show_live(
     ))
 }
 
-/// Photographs of the folder `origin` without depth, coloured into a cube LDI while they are looked
-/// at.
+/// Creates the source of the photographs without depth in the folder `origin`, which are coloured
+/// into a cube LDI while they are shown.
 ///
 /// # Errors
-/// [`OpenError::Scene`] if the first photograph cannot be read, or no thread started.
+/// [`OpenError::Scene`] if the first photograph cannot be read, or no thread can be started.
 pub fn show_photographs(set: ImageSet, origin: &Path) -> Result<Box<dyn FrameSource>, OpenError> {
     Ok(Box::new(
         PhotographsSource::new(set, origin).map_err(OpenError::Scene)?,
@@ -149,14 +151,10 @@ pub fn show_photographs(set: ImageSet, origin: &Path) -> Result<Box<dyn FrameSou
 
 /// Wraps a source of images so that the window can draw camera marks over it.
 pub fn show_marks(source: Box<dyn FrameSource>, marks: Marks) -> Box<dyn FrameSource> {
-    Box::new(MarkedSource::new(source, marks))
+    Box::new(MarkedSource { source, marks })
 }
 
-fn capture(source: SceneSource, output_dir: &Path) -> Result<CubeSource, OpenError> {
-    CubeSource::capture(source, output_dir).map_err(OpenError::Scene)
-}
-
-/// The built-in scenes, and every kind of file.
+/// Library of the built-in scenes and of every kind of file.
 pub struct SceneLibrary {
     /// Folder for captures that are saved on request.
     pub output_dir: PathBuf,
@@ -165,19 +163,19 @@ pub struct SceneLibrary {
 impl SceneLibrary {
     /// Size of a thumbnail, pixels.
     const THUMBNAIL_PX: (u32, u32) = (200, 150);
-    /// Triangles of the built-in house in its thumbnail, at most.
+    /// Maximum number of triangles of the built-in house in its thumbnail.
     const THUMBNAIL_TRIANGLES: usize = 60_000;
     /// Rays per pixel of a thumbnail.
     const THUMBNAIL_SAMPLES: u32 = 16;
 }
 
-/// A picture without the grain of few rays. What surfaces are without light has no grain: light is
-/// their lit picture divided by it, averaged over pixels around that look alike without light.
-fn calmed(lit: &RgbImage, unlit: &RgbImage) -> RgbImage {
-    /// Pixels to each side.
-    const REACH: i64 = 6;
-    /// Unlit surfaces that differ by this much count by half.
-    const ALIKE: f32 = 0.05;
+/// Denoises an image of few rays per pixel by its unlit image, which has no noise. The light (lit
+/// divided by unlit colour) is averaged over neighbouring pixels of similar unlit colour.
+fn denoise(lit: &RgbImage, unlit: &RgbImage) -> RgbImage {
+    /// Radius of the neighbourhood, pixels.
+    const RADIUS: i64 = 6;
+    /// Difference of unlit colours that halves the weight.
+    const HALF_WEIGHT: f32 = 0.05;
     let (width, height) = lit.dimensions();
     let linear = |image: &RgbImage, x: i64, y: i64| {
         let at = |v: i64, end: u32| v.clamp(0, i64::from(end) - 1) as u32;
@@ -190,14 +188,15 @@ fn calmed(lit: &RgbImage, unlit: &RgbImage) -> RgbImage {
     };
     RgbImage::from_fn(width, height, |x, y| {
         let (x, y) = (i64::from(x), i64::from(y));
-        let around = (-REACH..=REACH).flat_map(|dy| (-REACH..=REACH).map(move |dx| (dx, dy)));
+        let window = (-RADIUS..=RADIUS).flat_map(|dy| (-RADIUS..=RADIUS).map(move |dx| (dx, dy)));
         let here = linear(unlit, x, y);
-        // A grain keeps the division from zero where a surface is black.
+        // The offset prevents a division by zero on black surfaces.
         let (mut light, mut surface) = (Vec3::ZERO, Vec3::splat(1e-3));
-        for (dx, dy) in around {
+        for (dx, dy) in window {
             let there = linear(unlit, x + dx, y + dy);
-            let apart = 2.0 * (dx * dx + dy * dy) as f32 / (REACH * REACH) as f32;
-            let weight = (-apart - (there - here).length_squared() / (ALIKE * ALIKE)).exp2();
+            let distance = 2.0 * (dx * dx + dy * dy) as f32 / (RADIUS * RADIUS) as f32;
+            let difference = (there - here).length_squared() / (HALF_WEIGHT * HALF_WEIGHT);
+            let weight = (-distance - difference).exp2();
             light += linear(lit, x + dx, y + dy) * weight;
             surface += there * weight;
         }
@@ -254,7 +253,7 @@ impl Library for SceneLibrary {
             )
             .rgb()
         });
-        let pixels = calmed(&lit, &unlit)
+        let pixels = denoise(&lit, &unlit)
             .pixels()
             .map(|&Rgb([r, g, b])| [r, g, b, 255])
             .collect();

@@ -1,4 +1,4 @@
-//! Frame sources: what the window shows that is more than a view of a file.
+//! Frame sources of the window: views of files, and captures that run in the background.
 
 mod cube;
 mod house;

@@ -1,5 +1,6 @@
-//! A scene as points, shown until the first capture is there: surfaces sampled where they fill the
-//! view from the headbox, each point as large as its share of them.
+//! Point cloud of a scene, shown until the first round of its capture is finished. Points are
+//! distributed over the surfaces by their solid angle as seen from the headbox, and each point is
+//! drawn with the size of its share of the surface.
 
 use glam::{DVec3, Vec3};
 use headbox_core::camera::Camera;
@@ -11,23 +12,23 @@ use std::ops::Range;
 /// Number of points that represent a scene.
 const POINTS: u32 = 150_000;
 
-/// The widest that a point is drawn, pixels from its middle.
-const WIDEST_PX: f64 = 12.0;
+/// Maximum radius of a point, pixels.
+const MAX_RADIUS_PX: f64 = 12.0;
 
-/// Surfaces at which a viewer looks at right angles are this bright, those seen edge-on are
-/// [`DIMMEST`].
+/// Brightness of surfaces that face the viewer.
 const BRIGHTEST: f32 = 0.9;
+/// Brightness of surfaces seen edge-on.
 const DIMMEST: f32 = 0.35;
 
 #[derive(Clone, Copy)]
 struct Point {
     position: DVec3,
-    /// Half the distance to the points around it, metres.
+    /// Half the distance to neighbouring points, metres.
     radius_m: f64,
     color_srgb: [u8; 3],
 }
 
-/// Points on the surfaces of a scene.
+/// Point cloud of a scene.
 pub(super) struct Points {
     points: Vec<Point>,
     sky_srgb: [u8; 3],
@@ -35,10 +36,10 @@ pub(super) struct Points {
 }
 
 impl Points {
-    /// Samples the surfaces of a scene; the same points for the same scene and centre.
+    /// Samples the surfaces of a scene; deterministic for a given scene and centre.
     pub(super) fn new(scene: &Scene, centre: DVec3) -> Self {
-        // A triangle gets points by its size over its squared distance, so that near and far
-        // surfaces look equally dense.
+        // The number of points on a triangle is proportional to its area over its squared distance,
+        // so that near and far surfaces look equally dense.
         let mut running = Vec::with_capacity(scene.triangles.len());
         let mut sum = 0.0;
         for triangle in 0..scene.triangles.len() as u32 {
@@ -54,14 +55,9 @@ impl Points {
             let triangle = running
                 .partition_point(|&end| end <= wanted)
                 .min(running.len().saturating_sub(1));
-            let count = share_of(&running, triangle) / sum * f64::from(POINTS);
-            Point::on(
-                scene,
-                centre,
-                triangle as u32,
-                [random[1], random[2]],
-                count,
-            )
+            let count = weight(&running, triangle) / sum * f64::from(POINTS);
+            let square = [random[1], random[2]];
+            Point::sample(scene, centre, triangle as u32, square, count)
         };
         let range: Range<u32> = if sum > 0.0 { 0..POINTS } else { 0..0 };
         let sky = scene
@@ -75,7 +71,7 @@ impl Points {
         }
     }
 
-    /// Paints what a camera sees of them.
+    /// Draws the points as seen by a camera.
     pub(super) fn paint(&mut self, camera: &Camera, pixels: &mut [[u8; 4]]) {
         let (width, height) = (i64::from(camera.width()), i64::from(camera.height()));
         let [r, g, b] = self.sky_srgb;
@@ -87,7 +83,7 @@ impl Points {
             let Some([x, y, _]) = camera.project(point.position).filter(|_| depth > 0.0) else {
                 continue;
             };
-            let radius = (point.radius_m * camera.focal_px() / depth).clamp(0.5, WIDEST_PX);
+            let radius = (point.radius_m * camera.focal_px() / depth).clamp(0.5, MAX_RADIUS_PX);
             let span = |at: f64, end: i64| {
                 let [low, high] =
                     [at - radius, at + radius].map(|edge| (edge.round() as i64).clamp(0, end));
@@ -107,8 +103,8 @@ impl Points {
     }
 }
 
-/// The weight of one triangle, from running sums.
-fn share_of(running: &[f64], triangle: usize) -> f64 {
+/// Weight of one triangle, from the running sums.
+fn weight(running: &[f64], triangle: usize) -> f64 {
     let before = triangle
         .checked_sub(1)
         .map_or(0.0, |before| running[before]);
@@ -116,9 +112,9 @@ fn share_of(running: &[f64], triangle: usize) -> f64 {
 }
 
 impl Point {
-    /// A point of a triangle that has `count` of them.
-    fn on(scene: &Scene, centre: DVec3, triangle: u32, [s, t]: [f32; 2], count: f64) -> Self {
-        // The square onto the triangle, area for area.
+    /// Samples one of `count` points of a triangle from a random position in the unit square.
+    fn sample(scene: &Scene, centre: DVec3, triangle: u32, [s, t]: [f32; 2], count: f64) -> Self {
+        // Area-preserving map of the square to the triangle.
         let root = s.sqrt();
         let (u, v) = (root * (1.0 - t), root * t);
         let [a, b, c] = scene.corners(triangle);

@@ -1,4 +1,4 @@
-//! Any [`View`] in the window.
+//! Any [`View`] as a frame source.
 
 use crate::facts::{axes_fact, simd_fact};
 use crate::threads::FewerThreads;
@@ -10,7 +10,7 @@ use headbox_viewer::{
 };
 use std::path::Path;
 
-/// Size of a frame for which a view starts: about that of a window.
+/// Frame size for which the start pose is chosen, pixels: about that of a window.
 const WINDOW_PX: [u32; 2] = [1024, 768];
 
 /// A view as a source of frames, with a setting for the number of threads.
@@ -21,7 +21,7 @@ pub(crate) struct ViewSource {
 }
 
 impl ViewSource {
-    /// `view` of what was made from the file or folder `origin`.
+    /// Creates the source of a view whose data come from the file or folder `origin`.
     pub(crate) fn new(view: Box<dyn View>, origin: &Path) -> Self {
         let name = crate::file_name::file_name(origin);
         Self {
@@ -32,7 +32,7 @@ impl ViewSource {
     }
 }
 
-/// The pose of a first view.
+/// Pose of a start view.
 pub(crate) fn pose(start: &StartView) -> Pose {
     let StartView {
         eye,
@@ -43,7 +43,7 @@ pub(crate) fn pose(start: &StartView) -> Pose {
     Pose::upright(eye, eye + forward, up, fov_y_deg)
 }
 
-/// The settings of a view with the number of threads, before the groups that are folded.
+/// Settings of a view, with the number of threads inserted before the folded groups.
 pub(super) fn settings(mut settings: Vec<Setting>) -> Vec<Setting> {
     let at = settings
         .iter()
@@ -76,7 +76,7 @@ pub(super) fn render(
     Ok(report)
 }
 
-/// The bounds of the eye that a view has.
+/// Bounds of the eye in a view: its headbox.
 pub(super) fn bounds(view: &dyn View) -> Option<EyeBounds> {
     view.headbox().map(|headbox| EyeBounds {
         centre: headbox.centre,
