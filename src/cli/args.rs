@@ -1,7 +1,8 @@
-//! Arguments that several subcommands share. Positions and lengths are in the scene file's own axes
+//! Arguments shared by several subcommands. Positions and lengths are in the scene file's own axes
 //! and unit.
 
-use super::words::UsageError;
+use super::messages::UsageError;
+use crate::commands::capture::place::place_headbox;
 use clap::Args;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use glam::DVec3;
@@ -18,7 +19,7 @@ use headbox_trace::viewpoint;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// Three finite numbers, `X,Y,Z`.
+/// Parses three finite numbers, `X,Y,Z`.
 pub(super) fn parse_vector(text: &str) -> Result<DVec3, String> {
     let parts: Result<Vec<f64>, _> = text.split(',').map(|part| part.trim().parse()).collect();
     match parts.as_deref() {
@@ -27,7 +28,7 @@ pub(super) fn parse_vector(text: &str) -> Result<DVec3, String> {
     }
 }
 
-/// A positive, finite length.
+/// Parses a positive, finite length.
 pub(super) fn parse_length(text: &str) -> Result<f64, String> {
     match text.parse() {
         Ok(length) if length > 0.0 && f64::is_finite(length) => Ok(length),
@@ -35,7 +36,7 @@ pub(super) fn parse_length(text: &str) -> Result<f64, String> {
     }
 }
 
-/// An image size, `WIDTHxHEIGHT`.
+/// Parses an image size, `WIDTHxHEIGHT`.
 pub(super) fn parse_size(text: &str) -> Result<(u32, u32), String> {
     let sides = text
         .split_once(['x', 'X'])
@@ -59,12 +60,12 @@ pub(super) fn parse_up(text: &str) -> Result<UpAxis, String> {
     }
 }
 
-/// A key and its value.
+/// Key and value.
 pub(super) type Pair<'t> = (&'t str, &'t str);
 
-/// `NAME@KEY=VALUE@KEY=VALUE`: the name, which may hold an `@` that no key follows, and the rest as
-/// it stands.
-pub(super) fn named_parts<'t>(
+/// Splits `NAME@KEY=VALUE@KEY=VALUE` into the name, which may contain an `@` that no key follows,
+/// and the pairs of keys and values.
+pub(super) fn split_settings<'t>(
     text: &'t str,
     keys: &[&str],
 ) -> Result<(&'t str, Vec<Pair<'t>>), String> {
@@ -77,37 +78,26 @@ pub(super) fn named_parts<'t>(
         part.split_once('=')
             .ok_or_else(|| format!("{part}: give one of {}=", keys.join("=, ")))
     };
-    Ok((
-        name,
-        rest.split('@')
-            .skip(1)
-            .map(pair)
-            .collect::<Result<_, _>>()?,
-    ))
+    let pairs: Result<_, _> = rest.split('@').skip(1).map(pair).collect();
+    Ok((name, pairs?))
 }
 
-/// A unit of lengths by its name, metres.
+/// Parses the name of a unit of length; returns metres.
 pub(super) fn parse_unit(text: &str) -> Result<f64, String> {
     let unit = UNITS
         .iter()
         .find(|(name, ..)| *name == text)
         .map(|(.., metres)| *metres);
     unit.ok_or_else(|| {
-        format!(
-            "give one of {}",
-            UNITS
-                .iter()
-                .map(|(name, ..)| *name)
-                .collect::<Vec<_>>()
-                .join(", ")
-        )
+        let names: Vec<_> = UNITS.iter().map(|(name, ..)| *name).collect();
+        format!("give one of {}", names.join(", "))
     })
 }
 
-/// Values with the names by which they are given, and what help says of them.
+/// Table of named values: name, help text, value.
 pub(super) type Names<T> = &'static [(&'static str, &'static str, T)];
 
-/// One of some values, by its name.
+/// Creates a parser of the names in a table.
 pub(super) fn by_name<T: Copy + Send + Sync + 'static>(
     names: Names<T>,
 ) -> impl TypedValueParser<Value = T> {
@@ -118,13 +108,26 @@ pub(super) fn by_name<T: Copy + Send + Sync + 'static>(
             PossibleValue::new(name).help(help)
         }
     });
-    let value_of = |name: String| {
+    let find = |name: String| {
         names
             .iter()
             .find(|(known, ..)| *known == name)
             .map(|(.., value)| *value)
     };
-    PossibleValuesParser::new(possible).try_map(move |name| value_of(name).ok_or("not one of them"))
+    PossibleValuesParser::new(possible).try_map(move |name| find(name).ok_or("not one of them"))
+}
+
+/// Refuses the first given flag as meaningless for a kind of input.
+pub(super) fn refuse_given(
+    kind: &str,
+    flags: impl IntoIterator<Item = (&'static str, bool)>,
+) -> Result<(), UsageError> {
+    match flags.into_iter().find(|(_, is_given)| *is_given) {
+        Some((flag, _)) => Err(UsageError(format!(
+            "{flag} has no meaning for {kind}; leave it out"
+        ))),
+        None => Ok(()),
+    }
 }
 
 /// Units of a file's lengths, metres.
@@ -216,12 +219,12 @@ pub(super) struct SourceArgs {
 }
 
 impl SceneArgs {
-    /// Options that were given, by flag.
-    pub(super) fn given(&self) -> [(&'static str, bool); 7] {
-        self.source.given()
+    /// Flags of the source, each with true if it is given.
+    pub(super) fn given_flags(&self) -> [(&'static str, bool); 7] {
+        self.source.given_flags()
     }
 
-    /// Name as given.
+    /// Name of the scene on the command line.
     pub(super) fn name(&self) -> &str {
         &self.scene
     }
@@ -232,7 +235,7 @@ impl SceneArgs {
 }
 
 impl SourceArgs {
-    /// The axes and the unit; Y up and metres where nothing is said.
+    /// Axes and unit, by default Y up and metres.
     pub(super) fn file_frame(&self) -> FileFrame {
         FileFrame {
             up: self.up.unwrap_or_default(),
@@ -240,7 +243,7 @@ impl SourceArgs {
         }
     }
 
-    /// The same, but for what is given.
+    /// Returns a copy with other axes and another unit, if given.
     pub(super) fn with(&self, up: Option<UpAxis>, unit: Option<f64>) -> Self {
         Self {
             up: up.or(self.up),
@@ -249,8 +252,8 @@ impl SourceArgs {
         }
     }
 
-    /// Options that were given, by flag.
-    pub(super) fn given(&self) -> [(&'static str, bool); 7] {
+    /// Flags of the source, each with true if it differs from the default.
+    pub(super) fn given_flags(&self) -> [(&'static str, bool); 7] {
         let LightArgs {
             sky,
             sky_turn,
@@ -259,19 +262,19 @@ impl SourceArgs {
             exposure,
             hdr: _,
         } = &self.light;
-        let said = LightParameters::default();
+        let default = LightParameters::default();
         [
             ("--up", self.up.is_some()),
             ("--unit", self.unit.is_some()),
             ("--sky", sky.is_some()),
-            ("--sky-turn", *sky_turn != said.sky_turn),
+            ("--sky-turn", *sky_turn != default.sky_turn),
             ("--sun", sun.is_some()),
             ("--sun-strength", sun_strength.is_some()),
-            ("--exposure", *exposure != said.exposure),
+            ("--exposure", *exposure != default.exposure),
         ]
     }
 
-    /// A scene that is read so.
+    /// Source of a scene with these options.
     pub(super) fn source(&self, scene: &str) -> SceneSource {
         let options = LoadOptions {
             up: self.up,
@@ -319,16 +322,16 @@ pub(super) struct DefaultCamera {
 }
 
 impl DefaultCamera {
-    /// From an eye in a scene to where there is most to see from it.
-    pub(super) fn of_scene(tracer: &Tracer, eye: DVec3) -> Self {
+    /// Camera at an eye in a scene, toward the direction with the most to see.
+    pub(super) fn from_scene(tracer: &Tracer, eye: DVec3) -> Self {
         Self {
             forward: viewpoint::suggest_view(tracer, eye),
-            ..Self::at(eye)
+            ..Self::from_eye(eye)
         }
     }
 
-    /// Straight ahead from an eye.
-    pub(super) fn at(eye: DVec3) -> Self {
+    /// Camera at an eye, along -Z.
+    pub(super) fn from_eye(eye: DVec3) -> Self {
         Self {
             eye,
             forward: DVec3::NEG_Z,
@@ -338,24 +341,23 @@ impl DefaultCamera {
         }
     }
 
-    /// First camera of a view, for frames of `size` if that is given.
-    pub(super) fn of_view(view: &dyn View, size: Option<(u32, u32)>) -> Self {
-        let [width, height] = view.default_size_px();
-        let (width, height) = size.unwrap_or((width, height));
-        let start = view.start([width, height]);
+    /// Start camera of a view, for frames of `size` if given.
+    pub(super) fn from_view(view: &dyn View, size: Option<(u32, u32)>) -> Self {
+        let size = size.unwrap_or_else(|| view.default_size_px().into());
+        let start = view.start(size.into());
         Self {
             eye: start.eye,
             forward: start.forward,
             up: start.up,
             fov_y_deg: start.fov_y_deg,
-            size: (width, height),
+            size,
         }
     }
 }
 
 impl CameraArgs {
-    /// Options that were given, by flag.
-    pub(super) fn given(&self) -> [(&'static str, bool); 5] {
+    /// Flags of the camera, each with true if it is given.
+    pub(super) fn given_flags(&self) -> [(&'static str, bool); 5] {
         [
             ("--eye", self.eye.is_some()),
             ("--look-at", self.look_at.is_some()),
@@ -365,11 +367,10 @@ impl CameraArgs {
         ]
     }
 
-    /// The cameras of a path, whose frames have the size that is said; what else is said of cameras
-    /// is refused.
-    pub(super) fn of_path(&self, cameras: Vec<Camera>) -> anyhow::Result<Vec<Camera>> {
+    /// Resizes the cameras of a path to `--size`; refuses all other flags of the camera.
+    pub(super) fn resize_path(&self, cameras: Vec<Camera>) -> anyhow::Result<Vec<Camera>> {
         if let Some((flag, _)) = self
-            .given()
+            .given_flags()
             .into_iter()
             .find(|(flag, is_given)| *is_given && *flag != "--size")
         {
@@ -394,19 +395,19 @@ impl CameraArgs {
         Ok(cameras.into_iter().map(resized).collect::<Result<_, _>>()?)
     }
 
-    /// The camera in a scene, from free space and to where there is most to see from its eye where
-    /// nothing is said, and a tracer about its eye.
+    /// Camera in a scene, by default in free space toward the direction with the most to see, and a
+    /// tracer about its eye.
     pub(super) fn aim(&self, scene: &Arc<Scene>) -> anyhow::Result<(Camera, Tracer)> {
         let eye = match self.eye {
             Some(eye) => scene.frame.world_from_file(eye),
-            None => crate::commands::capture::place::place_headbox(scene, None, None)?.centre,
+            None => place_headbox(scene, None, None)?.centre,
         };
         let tracer = Tracer::new(Arc::clone(scene), eye);
-        let camera = self.camera(&scene.frame, &DefaultCamera::of_scene(&tracer, eye))?;
+        let camera = self.camera(&scene.frame, &DefaultCamera::from_scene(&tracer, eye))?;
         Ok((camera, tracer))
     }
 
-    /// The camera in the world.
+    /// Camera in world space.
     pub(super) fn camera(
         &self,
         frame: &FileFrame,
@@ -435,7 +436,7 @@ impl CameraArgs {
     }
 }
 
-/// Warns if the up vector does not say how to hold the camera.
+/// Warns if the up vector is parallel to the viewing direction.
 fn warn_if_parallel(forward: DVec3, up: DVec3, frame: &FileFrame) {
     if forward.length() > 0.0 && forward.normalize().cross(up.normalize_or_zero()).length() <= 1e-6
     {
@@ -444,7 +445,7 @@ fn warn_if_parallel(forward: DVec3, up: DVec3, frame: &FileFrame) {
         } else {
             DVec3::Z
         };
-        // Without the sign of a zero.
+        // Adding 0 turns -0 into 0.
         let [x, y, z] = (frame.file_from_world(stand_in).normalize() + 0.0).to_array();
         eprintln!(
             "warning: the view runs along the up vector, which then does not say what is up in the picture; {x},{y},{z} (in the \

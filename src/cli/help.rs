@@ -8,7 +8,7 @@ use headbox_house::variant::HouseVariant;
 use std::ffi::OsString;
 use std::io::Write;
 
-/// Each subcommand's examples.
+/// Examples of each subcommand.
 const EXAMPLES: [(&str, &str); 18] = [
     ("demo", "headbox demo --quick --no-window"),
     ("scenes", "headbox scenes"),
@@ -88,7 +88,7 @@ const EXAMPLES: [(&str, &str); 18] = [
     ),
 ];
 
-/// The command line with examples, and with what `--quality` sets.
+/// Adds examples, and the defaults that `--quality` sets, to the command line.
 pub(super) fn with_examples(cli: Command) -> Command {
     let names: Vec<String> = cli
         .get_subcommands()
@@ -112,7 +112,7 @@ pub(super) fn with_examples(cli: Command) -> Command {
         .filter(|(name, _)| known(name))
         .fold(cli, |cli, (name, examples)| {
             cli.mut_subcommand(*name, |command| {
-                // Where a word follows that begins with a dash and a digit, it is a number.
+                // An argument that begins with a dash and a digit is a number, not a flag.
                 command
                     .after_help(format!("Examples:\n  {examples}{}", names_for(name)))
                     .allow_negative_numbers(true)
@@ -120,7 +120,7 @@ pub(super) fn with_examples(cli: Command) -> Command {
         })
 }
 
-/// The names that a subcommand's arguments take and that depend on the file.
+/// Names that arguments of a subcommand accept, as text after the examples.
 fn names_for(command: &str) -> String {
     match command {
         "walk" => format!("\n\nVariants:\n  {}", HouseVariant::names()),
@@ -132,7 +132,7 @@ fn names_for(command: &str) -> String {
     }
 }
 
-/// The arguments of this process, with `help --help` for what it is meant to be.
+/// Collects the arguments of this process; `help --help` means `help`.
 pub(super) fn arguments(all: impl IntoIterator<Item = OsString>) -> Vec<OsString> {
     let all: Vec<_> = all.into_iter().collect();
     let is_help = all.get(1).is_some_and(|first| first == "help");
@@ -156,7 +156,7 @@ impl Completions {
     }
 }
 
-/// `headbox man`: the manual page of the program and of each of its commands, one after the other.
+/// Prints the manual pages of the program and of each of its commands: `headbox man`.
 pub(super) fn print_manual(whole: &Command) -> anyhow::Result<()> {
     let mut page = Vec::new();
     clap_mangen::Man::new(whole.clone()).render(&mut page)?;

@@ -1,7 +1,7 @@
-//! Opening folders of images, and the notes on them.
+//! Opening of image sets, with notes on standard error.
 
+use super::messages::UsageError;
 use super::progress::Bar;
-use super::words::UsageError;
 use clap::Args;
 use headbox_core::files::protect_input;
 use headbox_core::progress::Progress;
@@ -31,8 +31,8 @@ pub(super) struct SetArgs {
 }
 
 impl SetArgs {
-    /// Refuses what is said where there is no image set.
-    pub(super) fn only_for_sets(self, is_set: bool) -> Result<(), UsageError> {
+    /// Refuses the flags of image sets if the input is not one.
+    pub(super) fn refuse_without_set(self, is_set: bool) -> Result<(), UsageError> {
         let flags = [
             ("--allow-outside", self.allow_outside),
             ("--no-registration", self.no_registration),
@@ -44,8 +44,7 @@ impl SetArgs {
         }
     }
 
-    /// Opens a set, refines its poses if that is asked for, and says on standard error what was
-    /// met.
+    /// Opens a set, refines its poses if requested, and prints notes on standard error.
     pub(super) fn open(&self, folder: &Path) -> anyhow::Result<ImageSet> {
         let mut set = ImageSet::open(
             folder,
@@ -69,63 +68,67 @@ impl SetArgs {
         Ok(set)
     }
 
-    /// Opens a set and finds out where its colours were taken from.
+    /// Opens a set and registers its colours with its depth.
     pub(super) fn open_registered(&self, folder: &Path) -> anyhow::Result<ImageSet> {
         let mut set = self.open(folder)?;
         self.register(&mut set)?;
         Ok(set)
     }
 
-    /// Finds out where a set's colours were taken from.
+    /// Registers a set's colour cameras with its depth cameras, unless refused.
     pub(super) fn register(&self, set: &mut ImageSet) -> anyhow::Result<()> {
-        if !self.no_registration {
-            let bar = Bar::new();
-            let look = |step| match step {
-                RegistrationStep::LoadingStarted(views) => {
-                    bar.begin("registering colour with depth", "views", views as u64);
-                }
-                RegistrationStep::ViewLoaded => bar.advance(1),
-            };
-            let (report, was) =
-                cache::register(set, cache::folder(cache::IMAGES).as_deref(), &look)?;
-            bar.finish();
-            was.note.iter().for_each(|note| eprintln!("note: {note}"));
-            if let Some(report) = &report {
-                eprintln!("{}", registration_words(report));
+        if self.no_registration {
+            return Ok(());
+        }
+        let bar = Bar::new();
+        let on_step = |step| match step {
+            RegistrationStep::LoadingStarted(views) => {
+                bar.begin("registering colour with depth", "views", views as u64);
             }
+            RegistrationStep::ViewLoaded => bar.advance(1),
+        };
+        let folder = cache::folder(cache::IMAGES);
+        let (report, cached) = cache::register(set, folder.as_deref(), &on_step)?;
+        bar.finish();
+        cached
+            .note
+            .iter()
+            .for_each(|note| eprintln!("note: {note}"));
+        if let Some(report) = &report {
+            eprintln!("{}", describe_registration(report));
         }
         Ok(())
     }
 }
 
-/// Refines the poses of a set and says on standard error what it brought.
+/// Refines the poses of a set and prints the result on standard error.
 fn refine(set: &mut ImageSet) -> anyhow::Result<()> {
     let bar = Bar::new();
-    let look = |step| match step {
+    let on_step = |step| match step {
         RefinementStep::LoadingStarted(views) => bar.begin("loading depth", "views", views as u64),
         RefinementStep::SolvingStarted(rounds) => {
             bar.begin("refining poses", "rounds", rounds as u64);
         }
         RefinementStep::ViewLoaded | RefinementStep::RoundSolved => bar.advance(1),
     };
-    let (report, was) = cache::refine_poses(set, cache::folder(cache::IMAGES).as_deref(), &look)?;
+    let folder = cache::folder(cache::IMAGES);
+    let (report, cached) = cache::refine_poses(set, folder.as_deref(), &on_step)?;
     bar.finish();
-    was.note.iter().for_each(|note| eprintln!("note: {note}"));
-    eprintln!(
-        "{}",
-        report
-            .as_ref()
-            .map_or_else(|| NOT_REFINED.into(), refinement_words)
-    );
+    cached
+        .note
+        .iter()
+        .for_each(|note| eprintln!("note: {note}"));
+    match &report {
+        Some(report) => eprintln!("{}", describe_refinement(report)),
+        None => {
+            eprintln!("poses: kept as given, for no two views with depth of their own see the same")
+        }
+    }
     Ok(())
 }
 
-/// Note on sets whose poses cannot be refined.
-const NOT_REFINED: &str =
-    "poses: kept as given, for no two views with depth of their own see the same";
-
 /// Describes the result of refining poses, in a sentence.
-fn refinement_words(report: &RefinementReport) -> String {
+fn describe_refinement(report: &RefinementReport) -> String {
     let [given, refined] = report.surface_distance.map(|share| share * 100.0);
     let [before, after] = report.levels;
     let found = format!(
@@ -133,31 +136,30 @@ fn refinement_words(report: &RefinementReport) -> String {
          levels there differ by {before:.2} and {after:.2} ({} pairs of {} views)",
         report.pairs, report.views
     );
-    match report.is_applied {
-        false => format!("poses: kept as given: {found}"),
-        true => {
-            let [turned, moved] = report.movement;
-            format!(
-                "poses: refined by {turned:.3} degrees and {:.1} mm on average: {found}",
-                moved * 1000.0
-            )
-        }
+    if !report.is_applied {
+        return format!("poses: kept as given: {found}");
     }
+    let [turned, moved] = report.movement;
+    format!(
+        "poses: refined by {turned:.3} degrees and {:.1} mm on average: {found}",
+        moved * 1000.0
+    )
 }
 
 /// Describes the registration of a set's colour cameras, in a sentence or two.
-fn registration_words(report: &RegistrationReport) -> String {
+fn describe_registration(report: &RegistrationReport) -> String {
     let [given, one, each] = report.levels;
     let exposure = format!(
         "exposures are evened out, from {:.2} to {:.2} of the mean",
         report.gain[0], report.gain[1]
     );
-    let part = match report.sampled_views < report.views {
-        true => format!(
+    let part = if report.sampled_views < report.views {
+        format!(
             "{} of {} views, which speak for all,",
             report.sampled_views, report.views
-        ),
-        false => "views".into(),
+        )
+    } else {
+        "views".into()
     };
     let tried = format!(
         "{part} differ by {given:.2} levels as given, {one:.2} with one colour camera, {each:.2} with one for each view"

@@ -1,46 +1,46 @@
-//! Ctrl-C, or a request to terminate.
+//! Handling of Ctrl-C and of requests to terminate.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// The exit code of a command that was interrupted, whatever it kept.
+/// Exit code of a command that was interrupted, with or without partial results.
 pub(super) const EXIT_CODE: u8 = 130;
 
 /// True if the command writes partial results on an interrupt.
-static KEEPS: AtomicBool = AtomicBool::new(false);
+static KEEPS_PARTIAL_RESULTS: AtomicBool = AtomicBool::new(false);
 
 /// True after an interrupt.
-static ASKED: AtomicBool = AtomicBool::new(false);
+static REQUESTED: AtomicBool = AtomicBool::new(false);
 
-/// From now on an interrupt ends the program, without a half-written file; unless the command
-/// [keeps what it has done](keep_what_is_done).
+/// Installs the handler: an interrupt ends the program, without a partly written file, unless the
+/// command [keeps partial results](keep_partial_results).
 pub(super) fn handle() -> Result<(), ctrlc::Error> {
     /// True once the handler is installed: a process may run several commands.
-    static HANDLED: AtomicBool = AtomicBool::new(false);
-    if HANDLED.swap(true, Ordering::SeqCst) {
+    static INSTALLED: AtomicBool = AtomicBool::new(false);
+    if INSTALLED.swap(true, Ordering::SeqCst) {
         return Ok(());
     }
     ctrlc::set_handler(|| {
-        let first = !ASKED.swap(true, Ordering::SeqCst);
-        if first && KEEPS.load(Ordering::SeqCst) {
+        let first = !REQUESTED.swap(true, Ordering::SeqCst);
+        if first && KEEPS_PARTIAL_RESULTS.load(Ordering::SeqCst) {
             eprintln!("interrupted: ending with what there is; once more to end at once");
         } else {
-            end();
+            exit();
         }
     })
 }
 
-/// From now on a first interrupt is left to the command, which looks at [`asked`] now and then.
-pub(super) fn keep_what_is_done() {
-    KEEPS.store(true, Ordering::SeqCst);
+/// Leaves a first interrupt to the command, which polls [`is_requested`].
+pub(super) fn keep_partial_results() {
+    KEEPS_PARTIAL_RESULTS.store(true, Ordering::SeqCst);
 }
 
 /// Returns true if the command should end soon.
-pub(super) fn asked() -> bool {
-    ASKED.load(Ordering::SeqCst)
+pub(super) fn is_requested() -> bool {
+    REQUESTED.load(Ordering::SeqCst)
 }
 
-/// Ends the program, without a half-written file.
-pub(super) fn end() -> ! {
+/// Ends the program, without a partly written file.
+pub(super) fn exit() -> ! {
     headbox_core::files::remove_unfinished();
     std::process::exit(EXIT_CODE.into())
 }

@@ -1,7 +1,7 @@
-//! The command line: one file per subcommand. Library code knows nothing of it.
+//! The command line: one file per subcommand. Library code does not depend on it.
 
-/// The standard library's `println` panics where nobody reads any more, as in `headbox info FILE |
-/// head`. This one ends the program then, as other programs do.
+/// Replaces the standard library's `println!`, which panics if the reader has closed the pipe, as
+/// in `headbox info FILE | head`: this one ends the program, as other programs do.
 macro_rules! println {
     ($($text:tt)*) => { $crate::output::print_text(format_args!("{}\n", format_args!($($text)*))) };
 }
@@ -16,17 +16,17 @@ mod commands;
 mod help;
 mod image_set;
 mod interrupt;
+mod messages;
 mod output;
 mod packing;
 mod progress;
 mod setting_flags;
-mod words;
 
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use headbox_core::simd;
+use messages::UsageError;
 use std::ffi::OsString;
 use std::process::ExitCode;
-use words::UsageError;
 
 /// Image-based rendering with depth: capture a scene once, look at it from anywhere inside a
 /// headbox.
@@ -87,8 +87,8 @@ enum Command {
     Man,
 }
 
-/// Runs the command line of this process and returns its exit code: 0 done, 1 failed, 2 wrong
-/// usage.
+/// Runs the command line of this process and returns its exit code: 0 for success, 1 for failure,
+/// 2 for wrong usage.
 pub fn main() -> ExitCode {
     run_command(std::env::args_os())
 }
@@ -96,22 +96,22 @@ pub fn main() -> ExitCode {
 /// Runs a command line, the name of the program first, and returns its exit code. Wrong usage ends
 /// the process.
 pub fn run_command(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
-    let parsed = whole().try_get_matches_from(help::arguments(arguments));
+    let parsed = command_line().try_get_matches_from(help::arguments(arguments));
     let cli = parsed
         .and_then(|matches| Cli::from_arg_matches(&matches))
         .unwrap_or_else(|error| error.exit());
     match run(cli) {
-        Ok(()) if interrupt::asked() => ExitCode::from(interrupt::EXIT_CODE),
+        Ok(()) if interrupt::is_requested() => ExitCode::from(interrupt::EXIT_CODE),
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("error: {}", words::sentence(&error));
+            eprintln!("error: {}", messages::one_line(&error));
             ExitCode::from(if error.is::<UsageError>() { 2 } else { 1 })
         }
     }
 }
 
-/// The whole command line, with its examples.
-fn whole() -> clap::Command {
+/// Builds the command line with its examples.
+fn command_line() -> clap::Command {
     help::with_examples(Cli::command())
 }
 
@@ -141,7 +141,7 @@ fn run(cli: Cli) -> anyhow::Result<()> {
         Command::Report(command) => command.run(),
         #[cfg(feature = "viewer")]
         Command::View(command) => command.run(),
-        Command::Completions(command) => command.run(whole()),
-        Command::Man => help::print_manual(&whole()),
+        Command::Completions(command) => command.run(command_line()),
+        Command::Man => help::print_manual(&command_line()),
     }
 }

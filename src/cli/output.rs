@@ -1,6 +1,6 @@
-//! Standard output, and the resources used by the process.
+//! Standard output, output files, and the memory used by the process.
 
-use super::words::UsageError;
+use super::messages::UsageError;
 use headbox_core::{files, image_file as picture};
 use headbox_export::film;
 use headbox_scene::scene::Scene;
@@ -17,8 +17,8 @@ pub(super) fn print_json(value: &serde_json::Value) {
     println!("{value:#}");
 }
 
-/// Prints on standard output. Where nobody reads it any more, the program ends: quietly if a reader
-/// has gone, as `head` does, else with a sentence.
+/// Prints on standard output. Ends the program if that fails: quietly if the reader has closed the
+/// pipe, as `head` does, else with an error message.
 pub(super) fn print_text(text: std::fmt::Arguments<'_>) {
     if STDOUT_IS_OUTPUT.load(Ordering::Relaxed) {
         eprint!("{text}");
@@ -33,14 +33,14 @@ pub(super) fn print_text(text: std::fmt::Arguments<'_>) {
     }
 }
 
-/// Prints what a loader met and survived to standard error.
+/// Prints the notes of a scene's loader on standard error.
 pub(super) fn print_notes(scene: &Scene) {
     for note in &scene.summary.notes {
         eprintln!("note: {note}");
     }
 }
 
-/// Peak and present resident memory of this process in bytes, where the system tells (Linux).
+/// Peak and current resident memory of this process in bytes, if the system reports it (Linux).
 pub(super) fn memory_bytes() -> Option<(u64, u64)> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let field = |name: &str| {
@@ -55,90 +55,90 @@ pub(super) fn peak_rss_mb() -> Option<f64> {
     memory_bytes().map(|(peak, _)| peak as f64 / 1_048_576.0)
 }
 
-/// Extensions of a kind of output: they select the format.
-pub(super) struct Endings {
+/// A kind of output file, with the extensions that select its format.
+pub(super) struct OutputKind {
     what: &'static str,
     allowed: &'static [&'static str],
 }
 
-/// Extensions of frames: levels first, of which all but JPEG keeps every bit, then linear radiance.
-const OF_FRAMES: [&str; 9] = [
+/// Extensions of frames: first the pictures, all but JPEG lossless, then linear radiance.
+const FRAME_EXTENSIONS: [&str; 9] = [
     "png", "jpg", "jpeg", "webp", "tif", "tiff", "bmp", "tga", "exr",
 ];
 /// Pictures.
-pub(super) const PICTURE: Endings = Endings {
+pub(super) const PICTURE: OutputKind = OutputKind {
     what: "a picture",
-    allowed: OF_FRAMES.split_at(8).0,
+    allowed: FRAME_EXTENSIONS.split_at(8).0,
 };
 /// Frames: pictures, or linear radiance.
-pub(super) const FRAME: Endings = Endings {
+pub(super) const FRAME: OutputKind = OutputKind {
     what: "a frame",
-    allowed: &OF_FRAMES,
+    allowed: &FRAME_EXTENSIONS,
 };
 /// Pictures of the window.
 #[cfg(feature = "viewer")]
-pub(super) const WINDOW: Endings = Endings {
+pub(super) const WINDOW: OutputKind = OutputKind {
     what: "a picture of the window",
     allowed: &["png"],
 };
 /// Depth.
-pub(super) const DEPTH: Endings = Endings {
+pub(super) const DEPTH: OutputKind = OutputKind {
     what: "a picture of depth",
     allowed: &["exr"],
 };
 /// Cube LDIs.
-pub(super) const CUBE: Endings = Endings {
+pub(super) const CUBE: OutputKind = OutputKind {
     what: "a cube LDI",
     allowed: &["ldi"],
 };
 /// Parts of cube LDIs.
-pub(super) const SHARD: Endings = Endings {
+pub(super) const SHARD: OutputKind = OutputKind {
     what: "a shard of a capture",
     allowed: &["shard"],
 };
 /// Sprites with depth.
-pub(super) const SPRITES: Endings = Endings {
+pub(super) const SPRITES: OutputKind = OutputKind {
     what: "sprites with depth",
     allowed: &["sprite"],
 };
 /// Lumigraphs.
-pub(super) const LUMIGRAPH: Endings = Endings {
+pub(super) const LUMIGRAPH: OutputKind = OutputKind {
     what: "a lumigraph",
     allowed: &["lumi"],
 };
 /// Houses.
-pub(super) const HOUSE: Endings = Endings {
+pub(super) const HOUSE: OutputKind = OutputKind {
     what: "a house",
     allowed: &["house"],
 };
 /// Plans of houses.
-pub(super) const PLAN: Endings = Endings {
+pub(super) const PLAN: OutputKind = OutputKind {
     what: "a plan",
     allowed: &["svg"],
 };
 /// Camera paths.
-pub(super) const PATH: Endings = Endings {
+pub(super) const PATH: OutputKind = OutputKind {
     what: "a camera path",
     allowed: &["json"],
 };
 /// Extensions of exports.
-pub(super) const EXPORT: Endings = Endings {
+pub(super) const EXPORT: OutputKind = OutputKind {
     what: "an export",
     allowed: &["html", "glb", "ply", "exr"],
 };
 /// Films of a path.
-pub(super) const FILM: Endings = Endings {
+pub(super) const FILM: OutputKind = OutputKind {
     what: "a film",
     allowed: &film::ENDINGS,
 };
 /// Pages of text.
-pub(super) const PAGE: Endings = Endings {
+pub(super) const PAGE: OutputKind = OutputKind {
     what: "a page",
     allowed: &["md"],
 };
 
-impl Endings {
-    fn allow(&self, path: &Path) -> Result<(), UsageError> {
+impl OutputKind {
+    fn check_extension(&self, path: &Path) -> Result<(), UsageError> {
         let ending = path.extension().unwrap_or_default();
         if self
             .allowed
@@ -163,15 +163,15 @@ impl Endings {
     }
 }
 
-/// The files and folders that a command will write. Checked before any work is done; written by
-/// [`files::write_whole`], which has the rule.
+/// Files and folders that a command will write, checked before any work is done. Files are written
+/// by [`files::write_whole`].
 pub(super) struct Outputs {
     json: bool,
     files: Vec<PathBuf>,
 }
 
-/// A file's name without detours, whether there is such a file or not.
-fn place_of(path: &Path) -> PathBuf {
+/// Canonical path of a file that may not exist yet.
+fn canonical_path(path: &Path) -> PathBuf {
     let folder = path
         .parent()
         .filter(|folder| !folder.as_os_str().is_empty())
@@ -183,16 +183,16 @@ fn place_of(path: &Path) -> PathBuf {
         .unwrap_or_else(|| path.into())
 }
 
-/// For a command that reads no files.
+/// Inputs of a command that reads no files.
 pub(super) const NO_INPUTS: [&str; 0] = [];
 
 impl Outputs {
-    /// For a command that reads `inputs`, none of which it will overwrite, and that prints JSON on
-    /// standard output or not.
+    /// Creates the outputs of a command that reads `inputs`, none of which it will overwrite.
+    /// `json` is true if it prints JSON on standard output.
     pub(super) fn new<P: AsRef<Path>>(json: bool, inputs: impl IntoIterator<Item = P>) -> Self {
         for input in inputs {
             files::protect_input(input.as_ref());
-            tell_if_waiting(input.as_ref());
+            note_if_pipe(input.as_ref());
         }
         Self {
             json,
@@ -200,8 +200,8 @@ impl Outputs {
         }
     }
 
-    /// A file to write, with its format by its ending unless it is streamed.
-    pub(super) fn file(mut self, path: &Path, endings: &Endings) -> anyhow::Result<Self> {
+    /// Adds a file; its extension selects the format unless it is streamed.
+    pub(super) fn file(mut self, path: &Path, kind: &OutputKind) -> anyhow::Result<Self> {
         self.check(path)?;
         if path.as_os_str() == files::STANDARD_OUTPUT {
             if self.json {
@@ -212,9 +212,9 @@ impl Outputs {
             }
             STDOUT_IS_OUTPUT.store(true, Ordering::Relaxed);
         } else if !files::is_stream(path)? {
-            endings.allow(path)?;
+            kind.check_extension(path)?;
         }
-        let place = place_of(path);
+        let place = canonical_path(path);
         if self.files.contains(&place) {
             return Err(UsageError(format!(
                 "{}: two outputs would be written to it",
@@ -230,29 +230,29 @@ impl Outputs {
     pub(super) fn maybe_file(
         self,
         path: Option<&PathBuf>,
-        endings: &Endings,
+        kind: &OutputKind,
     ) -> anyhow::Result<Self> {
         match path {
-            Some(path) => self.file(path, endings),
+            Some(path) => self.file(path, kind),
             None => Ok(self),
         }
     }
 
-    /// A folder to write to.
+    /// Adds a folder.
     pub(super) fn folder(self, path: &Path) -> anyhow::Result<Self> {
         files::check_folder(path).map_err(|error| cannot_write(path, error))?;
         Ok(self)
     }
 
-    /// A folder for the frames of a path. What is named as a picture or a film is, is meant to be
-    /// one.
-    pub(super) fn folder_of_frames(self, path: &Path) -> anyhow::Result<Self> {
-        const ELSEWHERE: [&str; 14] = [
+    /// Adds a folder for the frames of a path. Refuses names with the extension of a picture or a
+    /// film, which are mistakes.
+    pub(super) fn frame_folder(self, path: &Path) -> anyhow::Result<Self> {
+        const UNSUPPORTED: [&str; 14] = [
             "avi", "mov", "mkv", "m4v", "wmv", "flv", "mpg", "mpeg", "ogv", "avif", "exr", "hdr",
             "svg", "jxl",
         ];
         let ending = path.extension().unwrap_or_default();
-        let mut known = PICTURE.allowed.iter().chain(&ELSEWHERE);
+        let mut known = PICTURE.allowed.iter().chain(&UNSUPPORTED);
         if !path.is_dir() && known.any(|known| ending.eq_ignore_ascii_case(known)) {
             let films: Vec<String> = FILM
                 .allowed
@@ -268,9 +268,9 @@ impl Outputs {
         self.folder(path)
     }
 
-    /// Tells what the loader met, and checks again now that all files of the scene are known: its
-    /// materials, its textures.
-    pub(super) fn scene_is_open(&self, scene: &Scene) -> anyhow::Result<()> {
+    /// Prints the notes of the loader, protects all files of an open scene (materials, textures),
+    /// and checks the outputs again.
+    pub(super) fn add_scene(&self, scene: &Scene) -> anyhow::Result<()> {
         print_notes(scene);
         scene
             .summary
@@ -285,8 +285,8 @@ impl Outputs {
     }
 }
 
-/// Says what will be read from a pipe: nothing happens until something is written to it.
-fn tell_if_waiting(input: &Path) {
+/// Prints a note if the input is a named pipe: reading waits until something is written to it.
+fn note_if_pipe(input: &Path) {
     #[cfg(unix)]
     if std::fs::metadata(input)
         .is_ok_and(|found| std::os::unix::fs::FileTypeExt::is_fifo(&found.file_type()))
@@ -300,7 +300,7 @@ fn tell_if_waiting(input: &Path) {
     let _ = input;
 }
 
-/// Converts a refusal to a usage error, and any other error to a failure.
+/// Converts an error of writing a file: invalid input to a usage error, others to a failure.
 pub(super) fn cannot_write(path: &Path, error: std::io::Error) -> anyhow::Error {
     let name = match path.to_str() {
         Some("") => "the output".into(),
@@ -315,9 +315,9 @@ pub(super) fn cannot_write(path: &Path, error: std::io::Error) -> anyhow::Error 
     }
 }
 
-/// Saves an image, whole or not at all, in the format of its ending; PNG where it has none.
+/// Saves an image, completely or not at all, in the format of its extension; PNG without one.
 pub(super) fn save_picture(path: &Path, image: &image::RgbImage) -> anyhow::Result<()> {
-    /// Beyond what is told from the original by eye.
+    /// Visually lossless.
     const JPEG_QUALITY: u8 = 95;
     let format = image::ImageFormat::from_path(path).unwrap_or(image::ImageFormat::Png);
     let (width, height) = image.dimensions();
@@ -343,16 +343,15 @@ pub(super) fn save_picture(path: &Path, image: &image::RgbImage) -> anyhow::Resu
 }
 
 /// Name of an output in messages.
-pub(super) fn name_of(output: &Path) -> String {
-    let is_standard = output.as_os_str() == files::STANDARD_OUTPUT;
-    if is_standard {
+pub(super) fn output_name(output: &Path) -> String {
+    if output.as_os_str() == files::STANDARD_OUTPUT {
         "standard output".into()
     } else {
         output.display().to_string()
     }
 }
 
-/// Writes a text file, whole or not at all.
+/// Writes a text file, completely or not at all.
 pub(super) fn write_text(path: &Path, text: &str) -> anyhow::Result<()> {
     let written = files::write_whole(path, |w| w.write_all(text.as_bytes()));
     written.map_err(|error| cannot_write(path, error))

@@ -1,10 +1,10 @@
-//! Options of packing cube LDIs, and their description.
+//! Options of packing cube LDIs, and the description of packed ones.
 
 use super::args::{Names, by_name, parse_length};
 use clap::Args;
+use headbox_cube::model::samples::CubeSamples;
 use headbox_cube::pack::{CubeLdi, SplatIndexLayout, Split};
-use headbox_cube::planes as primitives;
-use headbox_cube::planes::MAX_ERROR_PX;
+use headbox_cube::planes::{self, MAX_ERROR_PX};
 
 /// Options of packing a cube LDI.
 #[derive(Args)]
@@ -17,8 +17,8 @@ pub(super) struct PackingArgs {
     split: Split,
     /// Show what is flat as pictures on planes, where nobody in the headbox sees it elsewhere by
     /// more than E frame pixels; 0 keeps every sample
-    #[arg(long, value_name = "E", default_value_t = primitives::DEFAULT_ERROR_PX, value_parser = parse_error_px, allow_hyphen_values = true)]
-    error_px: f64,
+    #[arg(long, value_name = "E", default_value_t = planes::DEFAULT_ERROR_PX, value_parser = parse_error_px, allow_hyphen_values = true)]
+    pub(super) error_px: f64,
 }
 
 const LAYOUTS: Names<SplatIndexLayout> = &[
@@ -43,7 +43,7 @@ fn parse_error_px(text: &str) -> Result<f64, String> {
     }
 }
 
-/// The depth in the file's own unit.
+/// Parses a split; the depth is in the file's own unit.
 fn parse_split(text: &str) -> Result<Split, String> {
     match text {
         "auto" => Ok(Split::Auto),
@@ -55,34 +55,25 @@ fn parse_split(text: &str) -> Result<Split, String> {
 }
 
 impl PackingArgs {
-    /// By how much what is shown may be elsewhere, frame pixels; 0 for not at all.
-    pub(super) fn error_px(&self) -> f64 {
-        self.error_px
-    }
-
-    pub(super) fn pack(
-        &self,
-        ldi: headbox_cube::model::samples::CubeSamples,
-    ) -> anyhow::Result<CubeLdi> {
+    pub(super) fn pack(&self, ldi: CubeSamples) -> anyhow::Result<CubeLdi> {
         let split = match self.split {
             Split::AtDepth(depth) => Split::AtDepth(depth * ldi.info.frame.unit_m),
             split => split,
         };
-        Ok(primitives::pack(ldi, self.layout, split, self.error_px)?)
+        Ok(planes::pack(ldi, self.layout, split, self.error_px)?)
     }
 }
 
-/// Depth pixels, and what else there is.
-pub(super) fn what_is_kept(cube: &CubeLdi) -> String {
+/// Describes the content of a cube LDI: depth pixels and plane textures.
+pub(super) fn describe_cube(cube: &CubeLdi) -> String {
     let (count, planes) = (cube.depth_pixel_count(), &cube.planes);
-    match planes.tiles.is_empty() {
-        true => format!("{count} depth pixels"),
-        false => {
-            format!(
-                "{count} depth pixels and, for {} more, pictures on {} planes",
-                planes.samples,
-                planes.planes.len()
-            )
-        }
+    if planes.tiles.is_empty() {
+        format!("{count} depth pixels")
+    } else {
+        format!(
+            "{count} depth pixels and, for {} more, pictures on {} planes",
+            planes.samples,
+            planes.planes.len()
+        )
     }
 }

@@ -1,5 +1,5 @@
-//! Progress of long work: one bar over all stages, with the time left, on a terminal; a line every
-//! ten seconds elsewhere.
+//! Progress of long work: on a terminal one bar over all stages with the remaining time, elsewhere
+//! a line every ten seconds.
 
 use headbox_core::progress::Progress;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -8,21 +8,21 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Time between two lines where there is no terminal.
-const BETWEEN_LINES: Duration = Duration::from_secs(10);
-/// Time between two looks at a bar.
-const BETWEEN_LOOKS: Duration = Duration::from_millis(100);
-/// A bar's length: overall progress has no unit.
+/// Time between two lines without a terminal.
+const LINE_INTERVAL: Duration = Duration::from_secs(10);
+/// Time between two updates of the bar.
+const UPDATE_INTERVAL: Duration = Duration::from_millis(100);
+/// Number of steps of the bar.
 const LENGTH: u64 = 1000;
-/// Before this share is done, nobody knows what is left but who planned it.
-const TOO_EARLY: f64 = 0.03;
+/// Share of the work below which the remaining time is not extrapolated.
+const MIN_SHARE: f64 = 0.03;
 
-/// Planned stage, or several that alternate: the number of times that they begin, and their share
-/// of the time.
+/// Planned stage, or several stages that alternate.
 pub(super) struct PlannedStage {
     pub(super) stages: &'static [&'static str],
+    /// Number of times that the stages begin.
     pub(super) times: u32,
-    /// Seconds; or anything, where only the shares are known.
+    /// Expected time, seconds, or a relative weight if only the shares are known.
     pub(super) weight: f64,
 }
 
@@ -33,12 +33,12 @@ pub(super) struct Bar {
     plan: Vec<PlannedStage>,
     /// True if the weights of the plan are seconds.
     in_seconds: bool,
-    /// Steps of the present stage that are done.
+    /// Number of finished steps of the current stage.
     done: AtomicU64,
-    /// When it is time for another look, ms since the start.
-    next_look_ms: AtomicU64,
+    /// Time of the next update, ms since the start.
+    next_update_ms: AtomicU64,
     stage: Mutex<Stage>,
-    /// True if the output is no terminal.
+    /// True if standard error is not a terminal.
     in_lines: bool,
 }
 
@@ -47,25 +47,26 @@ struct Stage {
     name: String,
     total: u64,
     began: Instant,
-    told: Instant,
-    /// Parts of the work, such as scenes, that the plan is for one of: how many are done, and of
-    /// how many.
+    /// Time of the last line.
+    last_line: Instant,
+    /// Number of finished parts of the work, such as scenes, and their total number; the plan is
+    /// for one part.
     parts: [usize; 2],
-    /// The part's name.
+    /// Name of the current part.
     part: String,
-    /// The entry of the plan that is under way, and how many of its stages have ended.
+    /// Index of the current entry of the plan, and the number of its stages that have ended.
     planned: Option<(usize, u32)>,
-    /// Seconds of those that have ended, by their names.
+    /// Names and times of the stages that have ended, seconds.
     ended: Vec<(String, f64)>,
 }
 
 impl Bar {
-    /// A bar for stages that nobody foresees.
+    /// Creates a bar for stages without a plan.
     pub(super) fn new() -> Self {
         Self::planned(Vec::new(), false)
     }
 
-    /// A bar over stages that come in this order.
+    /// Creates a bar over stages in the order of a plan.
     pub(super) fn planned(plan: Vec<PlannedStage>, in_seconds: bool) -> Self {
         let bar = ProgressBar::new(LENGTH);
         if let Ok(style) = ProgressStyle::with_template("{prefix} [{bar:30}] {percent:>3} %  {msg}")
@@ -77,7 +78,7 @@ impl Bar {
             name: String::new(),
             total: 0,
             began: now,
-            told: now,
+            last_line: now,
             parts: [0, 1],
             part: String::new(),
             planned: None,
@@ -89,14 +90,14 @@ impl Bar {
             plan,
             in_seconds,
             done: AtomicU64::new(0),
-            next_look_ms: AtomicU64::new(0),
+            next_update_ms: AtomicU64::new(0),
             stage: Mutex::new(stage),
             in_lines: !std::io::stderr().is_terminal(),
         }
     }
 
-    /// Part `number` (from 0) of `count` begins, for which the plan holds anew.
-    pub(super) fn part(&self, name: &str, number: usize, count: usize) {
+    /// Begins part `number` (from 0) of `count`, for which the plan starts again.
+    pub(super) fn begin_part(&self, name: &str, number: usize, count: usize) {
         let mut stage = self.stage();
         stage.end();
         (stage.part, stage.parts, stage.planned) = (format!("{name}: "), [number, count], None);
@@ -107,7 +108,7 @@ impl Bar {
         self.bar.finish_and_clear();
     }
 
-    /// Times of the stages that took at least a tenth of a second, in their order.
+    /// Times of the stages that took at least a tenth of a second, in order.
     pub(super) fn times(&self) -> String {
         let stage = self.stage();
         let long = stage.ended.iter().filter(|(_, seconds)| *seconds >= 0.1);
@@ -121,31 +122,31 @@ impl Bar {
         self.stage.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Share of all that is planned that is done; of the stage where it was not planned.
+    /// Share of the plan that is done, or of the stage if there is no plan.
     fn share_done(&self, stage: &Stage) -> f64 {
-        let of_stage =
+        let stage_share =
             (self.done.load(Ordering::Relaxed) as f64 / stage.total.max(1) as f64).min(1.0);
         if self.plan.is_empty() {
-            return of_stage;
+            return stage_share;
         }
         let total: f64 = self.plan.iter().map(|planned| planned.weight).sum();
         let in_part = stage.planned.map_or(0.0, |(i, ended)| {
             let before: f64 = self.plan[..i].iter().map(|planned| planned.weight).sum();
             let PlannedStage { times, weight, .. } = self.plan[i];
-            before + weight * ((f64::from(ended) + of_stage) / f64::from(times.max(1))).min(1.0)
+            before + weight * ((f64::from(ended) + stage_share) / f64::from(times.max(1))).min(1.0)
         });
         let [part, parts] = stage.parts;
         ((part as f64 + in_part / total.max(f64::MIN_POSITIVE)) / parts.max(1) as f64).min(1.0)
     }
 
-    /// Seconds left of what [`Self::share_done`] speaks of.
+    /// Remaining time of the plan, or of the stage if there is no plan, seconds.
     fn left(&self, stage: &Stage, share: f64) -> Option<f64> {
         let since = if self.plan.is_empty() {
             stage.began
         } else {
             self.started
         };
-        if share >= TOO_EARLY {
+        if share >= MIN_SHARE {
             return Some(since.elapsed().as_secs_f64() * (1.0 - share) / share);
         }
         let planned = || self.plan.iter().map(|planned| planned.weight).sum::<f64>();
@@ -153,39 +154,35 @@ impl Bar {
             .then(|| (planned() - since.elapsed().as_secs_f64()).max(0.0))
     }
 
-    /// Seconds left of the stage that is under way, by its own rate.
-    fn left_of_stage(&self, stage: &Stage) -> f64 {
-        let of_stage = self.done.load(Ordering::Relaxed) as f64 / stage.total.max(1) as f64;
-        match of_stage {
-            TOO_EARLY..1.0 => stage.began.elapsed().as_secs_f64() * (1.0 - of_stage) / of_stage,
+    /// Remaining time of the current stage by its own rate, seconds.
+    fn stage_left(&self, stage: &Stage) -> f64 {
+        let share = self.done.load(Ordering::Relaxed) as f64 / stage.total.max(1) as f64;
+        match share {
+            MIN_SHARE..1.0 => stage.began.elapsed().as_secs_f64() * (1.0 - share) / share,
             _ => 0.0,
         }
     }
 
-    /// Share that is done and seconds left, as they are told: a stage that takes longer than was
-    /// planned has its say, and all is done only at the end.
-    fn told(&self, stage: &Stage) -> (f64, Option<f64>) {
-        /// While anything is left.
-        const MOST: f64 = 0.99;
-        let share = self.share_done(stage).min(MOST);
-        let (so_far, of_stage) = (
-            self.started.elapsed().as_secs_f64(),
-            self.left_of_stage(stage),
-        );
+    /// Share done and remaining time, seconds, as reported: corrected if a stage takes longer than
+    /// planned, and below 100 % until the end.
+    fn reported(&self, stage: &Stage) -> (f64, Option<f64>) {
+        /// Maximum share before the end.
+        const MAX_SHARE: f64 = 0.99;
+        let share = self.share_done(stage).min(MAX_SHARE);
+        let so_far = self.started.elapsed().as_secs_f64();
+        let stage_left = self.stage_left(stage);
         let share = if self.plan.is_empty() {
             share
         } else {
-            share.min(so_far / (so_far + of_stage))
+            share.min(so_far / (so_far + stage_left))
         };
-        (
-            share,
-            self.left(stage, share).map(|left| left.max(of_stage)),
-        )
+        let left = self.left(stage, share);
+        (share, left.map(|left| left.max(stage_left)))
     }
 
-    /// Shows where the work stands.
+    /// Updates the bar, or prints a line if it is time for one.
     fn show(&self, stage: &mut Stage) {
-        let (share, left) = self.told(stage);
+        let (share, left) = self.reported(stage);
         let left = left.map_or(String::new(), |left| format!(", {} left", duration(left)));
         let so_far = duration(self.started.elapsed().as_secs_f64());
         if !self.in_lines {
@@ -193,8 +190,8 @@ impl Bar {
             self.bar.set_position((share * LENGTH as f64) as u64);
             self.bar
                 .set_message(format!("{}{}{left}", stage.part, stage.name));
-        } else if stage.told.elapsed() >= BETWEEN_LINES {
-            stage.told = Instant::now();
+        } else if stage.last_line.elapsed() >= LINE_INTERVAL {
+            stage.last_line = Instant::now();
             eprintln!(
                 "{so_far}: {:.0} %, {}{}{left}",
                 share * 100.0,
@@ -206,7 +203,7 @@ impl Bar {
 }
 
 impl Stage {
-    /// Books the time of the stage that ends.
+    /// Ends the current stage and adds its time to that of its name.
     fn end(&mut self) {
         let seconds = self.began.elapsed().as_secs_f64();
         if self.name.is_empty() {
@@ -242,12 +239,12 @@ impl Progress for Bar {
     fn advance(&self, steps: u64) {
         self.done.fetch_add(steps, Ordering::Relaxed);
         let now_ms = self.started.elapsed().as_millis() as u64;
-        let due_ms = self.next_look_ms.load(Ordering::Relaxed);
-        let next_ms = now_ms + BETWEEN_LOOKS.as_millis() as u64;
-        // One of the threads for which it is due shows it.
+        let due_ms = self.next_update_ms.load(Ordering::Relaxed);
+        let next_ms = now_ms + UPDATE_INTERVAL.as_millis() as u64;
+        // Only one of several threads shows an update that is due.
         let mine = now_ms >= due_ms
             && self
-                .next_look_ms
+                .next_update_ms
                 .compare_exchange(due_ms, next_ms, Ordering::Relaxed, Ordering::Relaxed)
                 .is_ok();
         if mine {
@@ -256,7 +253,7 @@ impl Progress for Bar {
     }
 }
 
-/// A time in words that suit its length: `0.4 s`, `12 s`, `3 min 20 s`, `2 h 5 min`.
+/// Formats a duration: `0.4 s`, `12 s`, `3 min 20 s`, `2 h 5 min`.
 pub(super) fn duration(seconds: f64) -> String {
     let whole = seconds.round().max(0.0) as u64;
     match whole {
@@ -298,14 +295,14 @@ mod tests {
             bar.begin("truth", "rows", 10);
             std::thread::sleep(Duration::from_millis(20));
             bar.advance(1);
-            let (share, left) = bar.told(&bar.stage());
+            let (share, left) = bar.reported(&bar.stage());
             // Nine tenths of a stage of which one took 20 ms or more.
             assert!(
                 share < 1.0 && left.is_some_and(|left| left >= 0.18),
                 "{share} {left:?}"
             );
             bar.advance(9);
-            assert!(bar.told(&bar.stage()).0 < 1.0);
+            assert!(bar.reported(&bar.stage()).0 < 1.0);
         }
     }
 
@@ -348,7 +345,7 @@ mod tests {
         let share = || bar.share_done(&bar.stage());
         let mut shares = vec![share()];
         for part in 0..2 {
-            bar.part("scene", part, 2);
+            bar.begin_part("scene", part, 2);
             // Fewer looks than were planned: the bar goes on with what comes after.
             for stage in ["pilot", "trace", "look", "light"] {
                 bar.begin(stage, "steps", 4);

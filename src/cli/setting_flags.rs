@@ -1,22 +1,22 @@
-//! Flags made from the settings of views: one table for the command line and the window.
+//! Flags generated from the settings of views: one table for the command line and the window.
 
-use crate::words::UsageError;
+use crate::messages::UsageError;
 use clap::{Arg, ArgAction, ArgMatches, Args, Command, FromArgMatches};
 use headbox_core::view::{Control, Setting, SettingValues, View};
 use headbox_photos::view_geometry::view::GeometryView;
 use headbox_sprite::view::LayersView;
 
-/// The settings that were given on the command line, by flag.
+/// Settings given on the command line, by flag.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct SettingFlags(Vec<(&'static str, String)>);
 
-/// A setting with a flag, and the name of a representation that has it.
-type FlagOf = (&'static str, Setting, String);
+/// A flag, its setting, and the name of a kind of input that has it.
+type FlagEntry = (&'static str, Setting, String);
 
-/// All settings with flags, in order, each with a name of what has it.
-fn table() -> Vec<FlagOf> {
+/// Table of all settings with flags, in order.
+fn table() -> Vec<FlagEntry> {
     let representations = headbox_views::all();
-    let of_files = representations
+    let files = representations
         .iter()
         .map(|one| (format!(".{}", one.extension), (one.settings)()));
     let others = [
@@ -26,31 +26,31 @@ fn table() -> Vec<FlagOf> {
             GeometryView::setting_table(),
         ),
     ];
-    let with_flags = of_files.chain(others).flat_map(|(of, settings)| {
+    let entries = files.chain(others).flat_map(|(kind, settings)| {
         settings
             .into_iter()
-            .filter_map(move |setting| Some((setting.flag?, setting, of.clone())))
+            .filter_map(move |setting| Some((setting.flag?, setting, kind.clone())))
     });
-    with_flags.collect()
+    entries.collect()
 }
 
-/// The help of a flag, a line for each kind of file that has it.
-fn help(flag: &str, table: &[FlagOf]) -> String {
+/// Help text of a flag, one line per kind of input that has it.
+fn help(flag: &str, table: &[FlagEntry]) -> String {
     let mut parts: Vec<(String, Vec<&str>)> = Vec::new();
-    for (_, setting, of) in table.iter().filter(|(found, ..)| *found == flag) {
+    for (_, setting, kind) in table.iter().filter(|(found, ..)| *found == flag) {
         let text = setting.tooltip.trim_end_matches('.');
         let mut text = text.trim_end_matches(" (no unit)").to_owned();
         if let Control::Choice { options, .. } = &setting.control {
             text += &format!(": {}", options.join(", "));
         }
         match parts.iter_mut().find(|(known, _)| *known == text) {
-            Some((_, all)) => all.push(of),
-            None => parts.push((text, vec![of])),
+            Some((_, kinds)) => kinds.push(kind),
+            None => parts.push((text, vec![kind])),
         }
     }
     let parts = parts
         .into_iter()
-        .map(|(text, of)| format!("{}: {text}", of.join(", ")));
+        .map(|(text, kinds)| format!("{}: {text}", kinds.join(", ")));
     parts.collect::<Vec<_>>().join("\n")
 }
 
@@ -59,10 +59,9 @@ fn is_switch(setting: &Setting) -> bool {
 }
 
 impl Args for SettingFlags {
-    fn augment_args(command: Command) -> Command {
+    fn augment_args(mut command: Command) -> Command {
         let table = table();
         let mut known = Vec::new();
-        let mut command = command;
         for (flag, setting, _) in &table {
             if known.contains(flag) {
                 continue;
@@ -109,13 +108,13 @@ impl FromArgMatches for SettingFlags {
 }
 
 impl SettingFlags {
-    /// The text given for a flag.
+    /// Returns the text given for a flag.
     pub(crate) fn get(&self, flag: &str) -> Option<&str> {
         let found = self.0.iter().find(|(given, _)| *given == flag);
         found.map(|(_, text)| text.as_str())
     }
 
-    /// The values of a view's settings, with those that were given.
+    /// Values of a view's settings: the initial ones, replaced by those given.
     ///
     /// # Errors
     /// A flag that the view does not have, or a value that the setting does not have.
@@ -128,7 +127,7 @@ impl SettingFlags {
                 .filter(|setting| setting.flag == Some(flag))
                 .collect();
             if candidates.is_empty() {
-                return Err(not_for(flag, view.kind(), &settings));
+                return Err(not_applicable(flag, view.kind(), &settings));
             }
             let is_set = candidates
                 .iter()
@@ -141,8 +140,8 @@ impl SettingFlags {
     }
 }
 
-/// The error for a flag that a view does not have.
-fn not_for(flag: &str, kind: &str, settings: &[Setting]) -> UsageError {
+/// Error for a flag that a view does not have.
+fn not_applicable(flag: &str, kind: &str, settings: &[Setting]) -> UsageError {
     let mut known: Vec<_> = settings
         .iter()
         .filter_map(|setting| Some(format!("--{}", setting.flag?)))
@@ -154,7 +153,7 @@ fn not_for(flag: &str, kind: &str, settings: &[Setting]) -> UsageError {
     ))
 }
 
-/// The error for a value that none of the settings with a flag has.
+/// Error for a value that none of the settings with a flag accepts.
 fn no_such_value(flag: &str, text: &str, settings: &[&Setting]) -> UsageError {
     let mut names = Vec::new();
     for setting in settings {

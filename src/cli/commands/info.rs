@@ -2,21 +2,19 @@
 
 use super::capture::describe_aimed_rays;
 use super::images::{ImagesCommand, is_image_set};
-use crate::commands::capture::deep as capture_deep;
-use crate::commands::capture::deep::is_deep_picture;
+use crate::commands::capture::deep::{self as capture_deep, is_deep_picture};
 use crate::commands::capture::place::{figure, triple};
 use crate::commands::house::file as house_file;
 use crate::commands::lumigraph;
+use crate::messages::format_count;
 use crate::output::print_json;
-use crate::words::counted;
 use anyhow::Context;
 use clap::Args;
 use headbox_core::container::Container;
 use headbox_cube::pack::file::CUBE_LDI;
 use headbox_cube::pack::{CubeLdi, SegmentSide};
 use headbox_house::file::HOUSE_FILE;
-use headbox_ldi::accumulate::shard;
-use headbox_ldi::accumulate::shard::SHARD;
+use headbox_ldi::accumulate::shard::{self, SHARD};
 use headbox_lumigraph::LUMI_FILE;
 use headbox_sprite::{SPRITE_FILE, SpriteSet, SpriteWithDepth};
 use serde_json::json;
@@ -37,7 +35,7 @@ pub(crate) struct InfoCommand {
 impl InfoCommand {
     pub(crate) fn run(&self) -> anyhow::Result<()> {
         if is_image_set(&self.file.to_string_lossy()) {
-            return ImagesCommand::of(&self.file, self.json).run();
+            return ImagesCommand::new(&self.file, self.json).run();
         }
         if is_deep_picture(&self.file.to_string_lossy()) {
             return capture_deep::describe(&self.file, self.json);
@@ -54,13 +52,13 @@ impl InfoCommand {
             Some(tag) if tag == HOUSE_FILE.tag => {
                 house_file::info(&self.file, self.check, self.json)
             }
-            // What it is instead the reader of cubes says best.
+            // The reader of cubes has the best error message for other files.
             _ => self.cube(),
         }
     }
 
     fn cube(&self) -> anyhow::Result<()> {
-        // Reading checks all that a renderer relies on; --check has nothing to add but the word.
+        // Reading checks everything that a renderer relies on; --check only confirms it.
         let cube = CubeLdi::read(&self.file)?;
         let bytes = std::fs::metadata(&self.file)?.len();
         let segment = |s: &headbox_cube::pack::PackedSegment| {
@@ -103,8 +101,8 @@ impl InfoCommand {
         );
         println!(
             "  light       {}, {}{}",
-            counted(info.parameters.bounces, "bounce"),
-            counted(info.parameters.light_samples, "sample"),
+            format_count(info.parameters.bounces, "bounce"),
+            format_count(info.parameters.light_samples, "sample"),
             info.light
                 .in_words()
                 .map_or(String::new(), |words| format!(", {words}"))
@@ -133,7 +131,7 @@ impl InfoCommand {
             println!(
                 "              {}, in {}",
                 describe_aimed_rays(&holes),
-                counted(holes.rounds, "round")
+                format_count(holes.rounds, "round")
             );
         }
         for s in &cube.segments {
@@ -169,7 +167,7 @@ impl InfoCommand {
     }
 
     fn sprites(&self) -> anyhow::Result<()> {
-        // As for cubes: what reading accepts a renderer can rely on.
+        // As for cubes, reading checks everything that a renderer relies on.
         let set = SpriteSet::read(&self.file)?;
         let bytes = std::fs::metadata(&self.file)?.len();
         let sprites: Vec<_> = set
@@ -189,7 +187,7 @@ impl InfoCommand {
             return Ok(());
         }
         let info = &set.info;
-        let count = counted(sprites.len() as u64, "sprite");
+        let count = format_count(sprites.len() as u64, "sprite");
         println!("{}: {count} with depth, {bytes} bytes", self.file.display());
         println!("  source      {}", info.source);
         println!(
@@ -219,10 +217,11 @@ impl InfoCommand {
     fn shard(&self) -> anyhow::Result<()> {
         let info = shard::read_info(&self.file)?;
         let bytes = std::fs::metadata(&self.file)?.len();
-        let mut samples = None;
-        if self.check {
-            samples = Some(shard::check(&self.file, &info)?);
-        }
+        let samples = if self.check {
+            Some(shard::check(&self.file, &info)?)
+        } else {
+            None
+        };
         if self.json {
             print_json(&json!({
                 "kind": SHARD.name, "bytes": bytes, "rays": info.rays, "part": info.part, "parts": info.parts,
@@ -247,7 +246,7 @@ impl InfoCommand {
     }
 }
 
-/// Describes the plane textures, or null.
+/// Describes the plane textures; `None` if there are none.
 fn planes_json(cube: &CubeLdi) -> Option<serde_json::Value> {
     let set = &cube.planes;
     (!set.tiles.is_empty()).then(|| {
@@ -258,7 +257,7 @@ fn planes_json(cube: &CubeLdi) -> Option<serde_json::Value> {
     })
 }
 
-/// Describes a sprite; eye, look_at and fov are those that an import needs to know of its camera.
+/// Describes a sprite; eye, look_at and fov are the arguments with which its camera is imported.
 pub(super) fn sprite_json(sprite: &SpriteWithDepth, set: &SpriteSet) -> serde_json::Value {
     let (camera, plane) = (sprite.sprite().camera(), sprite.sprite().plane());
     let (columns, rows) = sprite.displacement().size();
@@ -273,7 +272,7 @@ pub(super) fn sprite_json(sprite: &SpriteWithDepth, set: &SpriteSet) -> serde_js
     })
 }
 
-/// Nearest and farthest eye depth of what can be seen of a sprite, metres.
+/// Nearest and farthest eye depth of a sprite's visible pixels, metres.
 fn depth_range(sprite: &SpriteWithDepth) -> Option<[f64; 2]> {
     let (columns, rows) = sprite.displacement().size();
     let color = sprite.sprite().color();

@@ -1,10 +1,10 @@
 //! `headbox merge`.
 
 use super::capture::{spill_budget, warn_if_blocked};
-use crate::output::{CUBE, Outputs, name_of, peak_rss_mb, print_json};
-use crate::packing::{PackingArgs, what_is_kept};
+use crate::messages::{UsageError, format_count};
+use crate::output::{CUBE, Outputs, output_name, peak_rss_mb, print_json};
+use crate::packing::{PackingArgs, describe_cube};
 use crate::progress::Bar;
-use crate::words::{UsageError, counted};
 use anyhow::{Context, ensure};
 use clap::Args;
 use headbox_ldi::accumulate::shard;
@@ -51,7 +51,7 @@ impl MergeCommand {
         }
         shard::check_complete(&infos)?;
         let (_, first) = &infos[0];
-        // The header of the LDI has the new paths, from which the window opens the scene.
+        // The new paths go into the header of the LDI, from which the window opens the scene.
         let mut spec = first.spec.clone();
         let source = &mut spec.scene;
         if let Some(name) = &self.scene {
@@ -69,7 +69,7 @@ impl MergeCommand {
         let scene = source.open().context(
             "light is sampled after merging, which needs the scene (see --scene and --sky)",
         )?;
-        outputs.scene_is_open(&scene)?;
+        outputs.add_scene(&scene)?;
         ensure!(
             fingerprint(&scene) == first.scene_fingerprint
                 && scene.triangles.len() as u32 == first.triangles,
@@ -110,9 +110,9 @@ impl MergeCommand {
         } else {
             println!(
                 "{}: {} from {rays} rays in {}",
-                name_of(&self.output),
-                what_is_kept(&packed),
-                counted(infos.len() as u64, "shard")
+                output_name(&self.output),
+                describe_cube(&packed),
+                format_count(infos.len() as u64, "shard")
             );
         }
         Ok(())

@@ -1,6 +1,6 @@
 //! `headbox scenes`.
 
-use crate::words::counted;
+use crate::messages::format_count;
 use anyhow::Context;
 use clap::Args;
 use headbox_core::files::write_whole;
@@ -28,7 +28,7 @@ impl ScenesCommand {
     }
 }
 
-/// Lists the built-in scenes, a line each.
+/// Lists the built-in scenes, one per line.
 fn list() {
     for scene in headbox_scenes::all() {
         println!("builtin:{:<12} {}", scene.name, scene.description);
@@ -39,12 +39,12 @@ fn export(name: &str, path: &Path) -> anyhow::Result<()> {
     let name = name.strip_prefix("builtin:").unwrap_or(name);
     let scene = SceneSource::new(format!("builtin:{name}")).open()?;
     let files = scene_files(&scene, path)?;
-    // The named file last: where it is, all of it is there.
+    // The named file is written last: if it exists, the scene is complete.
     for file in files.iter().rev() {
         write_whole(&file.path, |w| std::io::Write::write_all(w, &file.bytes))
             .with_context(|| format!("{} could not be written", file.path.display()))?;
     }
-    let files = counted(files.len() as u64, "file");
+    let files = format_count(files.len() as u64, "file");
     println!(
         "{}: {} triangles, {files}",
         path.display(),

@@ -2,9 +2,9 @@
 
 use crate::args::{CameraArgs, SceneArgs};
 use crate::commands::render::radiance::{is_radiance, save_radiance};
-use crate::output::{FRAME, Outputs, name_of, peak_rss_mb, print_json, save_picture};
+use crate::messages::UsageError;
+use crate::output::{FRAME, Outputs, output_name, peak_rss_mb, print_json, save_picture};
 use crate::progress::Bar;
-use crate::words::UsageError;
 use clap::Args;
 use headbox_core::camera::Camera;
 use headbox_core::progress::Progress;
@@ -61,7 +61,7 @@ impl TruthCommand {
             None => outputs.file(&self.output, &FRAME)?,
         };
         let scene = Arc::new(source.open()?);
-        outputs.scene_is_open(&scene)?;
+        outputs.add_scene(&scene)?;
         let (camera, tracer) = self.camera.aim(&scene)?;
         let start = Instant::now();
         let lighting = Lighting::prepare(&tracer, self.bounces, !self.unlit);
@@ -71,7 +71,7 @@ impl TruthCommand {
                 .map_or(0.0, |headbox| headbox.half_size_m);
             let views =
                 self.write_images(wall, half_size_m, &camera, (&tracer, &lighting), &bar)?;
-            self.say(
+            self.print_result(
                 start,
                 &format!("{views} images with depth"),
                 json!({ "images": views }),
@@ -80,30 +80,24 @@ impl TruthCommand {
         }
         let truth = truth::render(&tracer, &lighting, !self.unlit, &camera, self.samples, &bar);
         bar.finish();
-        match is_radiance(&self.output) {
-            true => save_radiance(
-                &self.output,
-                (truth.frame.width, truth.frame.height),
-                &truth.radiance,
-            )?,
-            false => save_picture(&self.output, &truth.rgb())?,
+        if is_radiance(&self.output) {
+            let size = (truth.frame.width, truth.frame.height);
+            save_radiance(&self.output, size, &truth.radiance)?;
+        } else {
+            save_picture(&self.output, &truth.rgb())?;
         }
         let error_db = truth.standard_error_psnr_db;
-        let known = if error_db.is_finite() {
-            Some(error_db)
-        } else {
-            None
-        };
-        self.say(
+        let known = error_db.is_finite().then_some(error_db);
+        self.print_result(
             start,
-            &noise(error_db),
+            &describe_noise(error_db),
             json!({ "standard_error_psnr_db": known }),
         );
         Ok(())
     }
 
-    /// Says what was written.
-    fn say(&self, start: Instant, what: &str, json: serde_json::Value) {
+    /// Prints the description of the output, or its JSON object.
+    fn print_result(&self, start: Instant, description: &str, json: serde_json::Value) {
         let seconds = start.elapsed().as_secs_f64();
         if self.json {
             let mut all = json!({ "seconds": seconds, "samples": self.samples, "peak_rss_mb": peak_rss_mb() });
@@ -112,12 +106,15 @@ impl TruthCommand {
             }
             print_json(&all);
         } else {
-            println!("{}: {seconds:.1} s, {what}", name_of(&self.output));
+            println!(
+                "{}: {seconds:.1} s, {description}",
+                output_name(&self.output)
+            );
         }
     }
 
-    /// Writes a set of images from places evenly spread over a square across the headbox; returns
-    /// how many.
+    /// Writes a set of images from cameras evenly distributed over a square across the headbox.
+    /// Returns their number.
     fn write_images(
         &self,
         (columns, rows): (u32, u32),
@@ -126,14 +123,14 @@ impl TruthCommand {
         (tracer, lighting): (&Tracer, &Lighting),
         bar: &Bar,
     ) -> anyhow::Result<u32> {
-        /// Largest offset of a camera, in half-sizes of the headbox: nothing is visible from its
-        /// very faces.
-        const REACH: f64 = 0.9;
+        /// Maximum offset of a camera, in half-sizes of the headbox: nothing is visible from its
+        /// faces.
+        const MAX_OFFSET: f64 = 0.9;
         let mut set = SetWriter::new(&self.output);
-        let turn = camera.world_from_eye();
-        let off = |number: u32, of: u32| match of {
+        let rotation = camera.world_from_eye();
+        let offset = |index: u32, count: u32| match count {
             1 => 0.0,
-            _ => (2.0 * f64::from(number) / f64::from(of - 1) - 1.0) * REACH * half_size_m,
+            _ => (2.0 * f64::from(index) / f64::from(count - 1) - 1.0) * MAX_OFFSET * half_size_m,
         };
         let images = columns * rows;
         bar.begin(
@@ -141,14 +138,14 @@ impl TruthCommand {
             "rows",
             u64::from(images) * u64::from(camera.height()),
         );
-        let rows_done = RowsOfMany(bar);
+        let progress = SingleStage(bar);
         for number in 0..images {
             let (column, row) = (number % columns, number / columns);
-            let eye =
-                camera.eye() + turn.x_axis * off(column, columns) - turn.y_axis * off(row, rows);
+            let eye = camera.eye() + rotation.x_axis * offset(column, columns)
+                - rotation.y_axis * offset(row, rows);
             let moved = Camera::from_parts(
                 eye,
-                turn,
+                rotation,
                 camera.focal_px(),
                 camera.width(),
                 camera.height(),
@@ -160,7 +157,7 @@ impl TruthCommand {
                 !self.unlit,
                 &moved,
                 self.samples,
-                &rows_done,
+                &progress,
             );
             set.add(number as usize, &view, true)?;
         }
@@ -170,10 +167,10 @@ impl TruthCommand {
     }
 }
 
-/// The rows of one picture of many, which are one stage.
-struct RowsOfMany<'a>(&'a Bar);
+/// Progress of many pictures as one stage: ignores the beginning of each.
+struct SingleStage<'a>(&'a Bar);
 
-impl Progress for RowsOfMany<'_> {
+impl Progress for SingleStage<'_> {
     fn begin(&self, _stage: &str, _unit: &str, _total: u64) {}
 
     fn advance(&self, steps: u64) {
@@ -185,20 +182,21 @@ impl Progress for RowsOfMany<'_> {
     }
 }
 
-/// Cameras side by side and above each other, `COLUMNSxROWS`.
-/// How noisy a picture is, and what that means to who compares with it.
-fn noise(error_db: f64) -> String {
-    /// Beyond what captures of a lit scene reach.
+/// Describes the noise of a picture, with a note if it limits comparisons.
+fn describe_noise(error_db: f64) -> String {
+    /// PSNR that captures of a lit scene do not reach, dB.
     const AMPLE_DB: f64 = 40.0;
-    let known = format!("standard error {error_db:.1} dB (PSNR)");
-    match error_db < AMPLE_DB {
-        true => format!(
-            "{known}: what is compared with it is at most so good, however good it is; more --samples lower its noise"
-        ),
-        false => known,
+    let error = format!("standard error {error_db:.1} dB (PSNR)");
+    if error_db < AMPLE_DB {
+        format!(
+            "{error}: what is compared with it is at most so good, however good it is; more --samples lower its noise"
+        )
+    } else {
+        error
     }
 }
 
+/// Parses numbers of cameras side by side and above each other, `COLUMNSxROWS`.
 fn parse_wall(text: &str) -> Result<(u32, u32), String> {
     let sides = text
         .split_once(['x', 'X'])

@@ -3,11 +3,13 @@
 use super::images::is_image_set;
 use crate::args::{Names, SourceArgs, by_name, parse_size};
 use crate::commands::images;
-use crate::commands::render::geometry::{GEOMETRY_ALONE, GeometryArgs, geometry_of, texturing_of};
+use crate::commands::render::geometry::{
+    GEOMETRY_ALONE, GeometryArgs, open_geometry, parse_texturing,
+};
 use crate::image_set::SetArgs;
-use crate::output::{Outputs, WINDOW, name_of, print_json};
+use crate::messages::UsageError;
+use crate::output::{Outputs, WINDOW, output_name, print_json};
 use crate::progress::Bar;
-use crate::words::UsageError;
 use anyhow::Context;
 use clap::Args;
 use headbox_core::camera::Camera;
@@ -90,7 +92,7 @@ pub(crate) struct ViewCommand {
     json: bool,
 }
 
-/// Arrangements of two eyes.
+/// Arrangements of a stereo pair.
 const STEREO: Names<Stereo> = &[
     (
         "cross",
@@ -116,8 +118,8 @@ fn parse_limit(text: &str) -> Result<f64, String> {
         .ok_or("give 0, or milliseconds from 4 to 100".into())
 }
 
-/// Frames after which a picture without a path is taken: the first may be of a window that still
-/// takes its size.
+/// Number of frames before a screenshot without a path: the window may not have its final size in
+/// the first ones.
 const FRAMES_BEFORE_PICTURE: u64 = 3;
 
 impl ViewCommand {
@@ -127,24 +129,24 @@ impl ViewCommand {
         let mut options = self.options()?;
         let mut source = None;
         if let Some(file) = &self.file {
-            match open_soon(file, self.opener(file)?)? {
-                OpenedSource::Already(it) => source = Some(it),
-                OpenedSource::Later(coming) => options.coming = Some(coming),
+            match open_or_defer(file, self.opener(file)?)? {
+                OpenedSource::Ready(opened) => source = Some(opened),
+                OpenedSource::Pending(coming) => options.coming = Some(coming),
             }
         }
         let summary = headbox_viewer::run(source, options)?;
         if self.json {
             print_json(&serde_json::to_value(summary)?);
         } else if let Some(screenshot) = &self.screenshot {
-            println!("{}: a picture of the window", name_of(screenshot));
+            println!("{}: a picture of the window", output_name(screenshot));
         }
         Ok(())
     }
 
-    /// Opens a file.
+    /// Creates the function that opens a file.
     ///
     /// # Errors
-    /// Options that do not belong to it.
+    /// A usage error if an option does not apply to the file.
     fn opener(
         &self,
         file: &str,
@@ -154,8 +156,8 @@ impl ViewCommand {
         if self.live && !is_set {
             return Err(UsageError("--live is for a folder of images with depth".into()).into());
         }
-        self.images.only_for_sets(is_set)?;
-        let texturing = texturing_of(self.variant.as_deref(), is_set)?;
+        self.images.refuse_without_set(is_set)?;
+        let texturing = parse_texturing(self.variant.as_deref(), is_set)?;
         if let (None, Some(variant)) = (texturing, &self.variant) {
             let message = format!(
                 "--variant {variant}: view has geometry-blended and its kin (-averaged, -multi, -single, -nearest) alone, of a folder of \
@@ -166,7 +168,7 @@ impl ViewCommand {
         if texturing.is_none() && self.geometry.are_given() {
             return Err(UsageError(GEOMETRY_ALONE.into()).into());
         }
-        let shown = ToShow {
+        let input = ViewInput {
             source: self.source.source(file),
             is_set,
             live: self.live,
@@ -175,7 +177,7 @@ impl ViewCommand {
             geometry: self.geometry.clone(),
         };
         let out = self.out.clone();
-        Ok(move || shown.open(&out))
+        Ok(move || input.open(&out))
     }
 
     fn options(&self) -> Result<ViewerOptions, UsageError> {
@@ -228,20 +230,20 @@ impl ViewCommand {
     }
 }
 
-/// Something to show in a window, and how.
-struct ToShow {
+/// Input of the window, with its options.
+struct ViewInput {
     source: SceneSource,
     is_set: bool,
-    /// For image sets: show cubes of the images nearest to the eye.
+    /// For image sets: true to show cube LDIs of the images nearest to the eye.
     live: bool,
     set: SetArgs,
-    /// For image sets: show view-dependent geometry.
+    /// For image sets: texturing of view-dependent geometry, `None` for a cube LDI.
     texturing: Option<Texturing>,
     geometry: GeometryArgs,
 }
 
-impl ToShow {
-    /// Opens it; what is captured while it is looked at is saved in `out`.
+impl ViewInput {
+    /// Opens the input; live captures are saved in `out`.
     fn open(self, out: &Path) -> anyhow::Result<Box<dyn FrameSource>> {
         let Self {
             source,
@@ -257,19 +259,19 @@ impl ToShow {
         let folder = Path::new(&source.name);
         let set = set.open_registered(folder)?;
         let marks = Marks::new(&set.views, read_sparse_points(folder)?);
-        let shown = if live {
-            let (near, start) = near(folder, set)?;
+        let source = if live {
+            let (near, start) = near_images(folder, set)?;
             show_live(near, folder, &start)?
         } else if let Some(texturing) = texturing {
             let settings = GeometrySettings {
                 texturing,
                 ..geometry.settings()
             };
-            let (geometry, start) = geometry_of(&set, &geometry.resources)?;
+            let (geometry, start) = open_geometry(&set, &geometry.resources)?;
             let no_start = || {
                 format!(
                     "{}: its middle view is no perspective picture to start at",
-                    source.name
+                    folder.display()
                 )
             };
             let view = GeometryView::new(geometry, &start.with_context(no_start)?, settings);
@@ -278,34 +280,34 @@ impl ToShow {
             show_photographs(set, folder)?
         } else {
             let bar = Bar::new();
-            let cube = images::cube_of(&set, &bar)?;
+            let cube = images::cube_from_set(&set, &bar)?;
             bar.finish();
             show_cube(cube, folder)
         };
-        Ok(show_marks(shown, marks))
+        Ok(show_marks(source, marks))
     }
 }
 
-/// Source, or one that is being opened.
+/// An open source, or one that another thread is opening.
 enum OpenedSource {
-    Already(Box<dyn FrameSource>),
-    Later(PendingSource),
+    Ready(Box<dyn FrameSource>),
+    Pending(PendingSource),
 }
 
-/// Opens something; if that takes longer than a person waits for a window, elsewhere, and the
-/// window comes first.
-fn open_soon(
+/// Opens a source on another thread. If that is slow, returns a pending source, so that the window
+/// appears first.
+fn open_or_defer(
     name: &str,
     open: impl FnOnce() -> anyhow::Result<Box<dyn FrameSource>> + Send + 'static,
 ) -> anyhow::Result<OpenedSource> {
-    /// Whatever opens within this needs no window that says so, and its errors none to be read in.
-    const PATIENCE: Duration = Duration::from_millis(100);
-    // Without room in between, what nobody waits for here any more comes back to its sender.
+    /// Time within which a source is opened before the window, and errors are printed.
+    const TIMEOUT: Duration = Duration::from_millis(100);
+    // Without a buffer, a result that arrives after the timeout is returned to the sender.
     let (soon_sender, soon) = mpsc::sync_channel(0);
     let (later_sender, later) = mpsc::sync_channel(1);
     let work = move || {
         if let Err(mpsc::SendError(opened)) = soon_sender.send(open()) {
-            // The window may be gone too.
+            // Fails only if the window is closed.
             let _ = later_sender.send(opened.map_err(|error| format!("{error:#}")));
         }
     };
@@ -313,16 +315,16 @@ fn open_soon(
         .name("open".into())
         .spawn(work)
         .context("cannot start a thread")?;
-    match soon.recv_timeout(PATIENCE) {
-        Ok(opened) => Ok(OpenedSource::Already(opened?)),
-        Err(_) => Ok(OpenedSource::Later(PendingSource {
+    match soon.recv_timeout(TIMEOUT) {
+        Ok(opened) => Ok(OpenedSource::Ready(opened?)),
+        Err(_) => Ok(OpenedSource::Pending(PendingSource {
             name: name.to_owned(),
             source: later,
         })),
     }
 }
 
-/// File of the list of recent files, in the system's usual place; `None` if there is none.
+/// File of the list of recent files, in the user's state folder; `None` if there is no such folder.
 fn recent_file() -> Option<PathBuf> {
     let folder = |key: &str| {
         std::env::var_os(key)
@@ -337,7 +339,7 @@ fn recent_file() -> Option<PathBuf> {
     Some(state?.join("headbox/recent.json"))
 }
 
-/// Opens the window on a file, and returns when it is closed.
+/// Opens the window on a file, and returns when the window is closed.
 pub(super) fn show(file: &Path) -> anyhow::Result<()> {
     let folder = file
         .parent()
@@ -358,10 +360,10 @@ pub(super) fn show(file: &Path) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// The images of a set that cubes are made of as one moves, and the camera of its middle view that
-/// has depth.
-fn near(folder: &Path, set: ImageSet) -> anyhow::Result<(NearImages, Camera)> {
-    images::with_depth(&set)?;
+/// Opens the images of a set for live cube LDIs; returns the camera of its central view, too, or of
+/// the first with depth.
+fn near_images(folder: &Path, set: ImageSet) -> anyhow::Result<(NearImages, Camera)> {
+    images::views_with_depth(&set)?;
     let start = set
         .central_view()
         .and_then(View::camera)

@@ -2,9 +2,9 @@
 
 use crate::args::parse_size;
 use crate::commands::house::file::{note_unvisited, variant_by_name};
+use crate::messages::UsageError;
 use crate::output::{Outputs, print_json, save_picture, write_text};
 use crate::progress::Bar;
-use crate::words::UsageError;
 use clap::Args;
 use headbox_core::drawing::contact_sheet::{SheetRow, contact_sheet};
 use headbox_house::file;
@@ -52,7 +52,7 @@ impl WalkCommand {
     pub(crate) fn run(&self) -> anyhow::Result<()> {
         let variants = self.variants()?;
         Outputs::new(self.json, [&self.file]).folder(&self.output)?;
-        // What is captured on the way is needed again at the next pose.
+        // Unlimited memory: the next pose needs the backdrops captured on the way again.
         let (house, store, quality) = file::read(&self.file, u64::MAX)?;
         let path = WalkPath {
             poses: self.poses as usize,

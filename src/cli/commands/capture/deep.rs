@@ -1,7 +1,8 @@
-//! `headbox capture F.exr`: deep images of film renderers as cube LDIs, and their description.
+//! `headbox capture F.exr`: cube LDIs from deep images of film renderers; description of deep
+//! images.
 
 use crate::output::{CUBE, Outputs, peak_rss_mb, print_json};
-use crate::packing::{PackingArgs, what_is_kept};
+use crate::packing::{PackingArgs, describe_cube};
 use anyhow::{Context, bail};
 use headbox_images::deep_exr::{DeepImage, DeepView};
 use headbox_ldi::from_deep::{DeepPlace, cube};
@@ -9,7 +10,7 @@ use serde_json::json;
 use std::path::Path;
 use std::time::Instant;
 
-/// Returns true if a scene's name is that of a deep image.
+/// Returns true if a scene's name is the path of a deep image.
 pub(crate) fn is_deep_picture(name: &str) -> bool {
     !name.starts_with("builtin:")
         && Path::new(name)
@@ -51,7 +52,7 @@ pub(super) fn run(
     println!(
         "{}: {} from {samples} deep samples, {total_s:.2} s",
         output.display(),
-        what_is_kept(&packed)
+        describe_cube(&packed)
     );
     println!(
         "look at it: headbox render {} -o frame.png",

@@ -26,7 +26,7 @@ pub(super) struct Frames {
 }
 
 impl Frames {
-    /// The frames of reports, for which the default face size is chosen.
+    /// Frames of reports, for which the default face size is chosen.
     const DEFAULT: Self = Self {
         width: 1024,
         height: 768,
@@ -94,7 +94,8 @@ fn parse_frames(text: &str) -> Option<Frames> {
 }
 
 impl FaceSize {
-    /// The size, or `auto_px` until frames decide it; strata must be chosen for that size.
+    /// Returns the size, or `auto_px` if [`Self::choose`] decides it later; strata must be chosen
+    /// for that size.
     pub(super) fn or(self, auto_px: u32) -> u32 {
         match self {
             Self::Px(size) => size,
@@ -106,7 +107,7 @@ impl FaceSize {
     /// reports it.
     pub(super) fn choose(self, spec: &mut CaptureSpec, tracer: &Tracer, packing: &PackingArgs) {
         let Self::Auto(frames) = self else { return };
-        choose_face_size(spec, tracer, frames.focal_px(), packing.error_px());
+        choose_face_size(spec, tracer, frames.focal_px(), packing.error_px);
         eprintln!(
             "faces of {} px and {}^4 strata: as fine as frames of {}x{} at {} degrees show",
             spec.face_size_px,

@@ -1,9 +1,9 @@
-//! `headbox capture FOLDER`: image sets as cube LDIs.
+//! `headbox capture FOLDER`: cube LDIs from image sets.
 
 use crate::commands::capture::CaptureCommand;
 use crate::commands::images::SetJob;
 use crate::output::{CUBE, Outputs, peak_rss_mb, print_json};
-use crate::packing::what_is_kept;
+use crate::packing::describe_cube;
 use crate::progress::Bar;
 use anyhow::bail;
 use headbox_images::check_neighbors;
@@ -20,7 +20,7 @@ impl CaptureCommand {
     /// photographs.
     pub(super) fn run_images(&self) -> anyhow::Result<()> {
         let start = Instant::now();
-        self.refuse("images", &self.deep_flags())?;
+        self.refuse_scene_flags("images", self.deep_flags())?;
         Outputs::new(self.json, [self.scene.name()]).file(&self.output, &CUBE)?;
         let set = self.images.open_registered(Path::new(self.scene.name()))?;
         let mut job = SetJob::suggest(&set);
@@ -80,7 +80,7 @@ impl CaptureCommand {
             return Ok(());
         }
         let output = self.output.display();
-        let content = what_is_kept(&packed);
+        let content = describe_cube(&packed);
         println!(
             "{output}: {content} from {} images, {total_s:.2} s",
             views.len()

@@ -18,12 +18,12 @@ pub(crate) use quality::Preset;
 pub(crate) use report::describe_aimed_rays;
 
 use super::images::is_image_set;
-use crate::args::{SceneArgs, parse_length, parse_vector};
+use crate::args::{SceneArgs, parse_length, parse_vector, refuse_given};
 use crate::image_set::SetArgs;
-use crate::output::{CUBE, Outputs, SHARD, memory_bytes, name_of, peak_rss_mb, print_json};
+use crate::messages::UsageError;
+use crate::output::{CUBE, Outputs, SHARD, memory_bytes, output_name, peak_rss_mb, print_json};
 use crate::packing::PackingArgs;
 use crate::progress::Bar;
-use crate::words::UsageError;
 use anyhow::{Context, bail};
 use clap::Args;
 use deep::is_deep_picture;
@@ -131,7 +131,7 @@ fn parse_shard(text: &str) -> Result<(u32, u32), String> {
     }
 }
 
-/// Memory for accumulators within a limit for the whole process, and the folder to spill to.
+/// Memory for accumulators within a limit for the whole process, bytes, and the folder to spill to.
 pub(super) fn spill_budget(memory_mb: Option<u64>, output: &Path) -> Option<(u64, PathBuf)> {
     /// Memory for thread buffers, the heads of tiles, and the sorting of a tile.
     const RESERVE: u64 = 96 << 20;
@@ -164,16 +164,6 @@ fn spill_folder(output: &Path) -> PathBuf {
     }
 }
 
-/// Refuses the first given flag.
-fn refuse_given(kind: &str, flags: &[(&str, bool)]) -> Result<(), UsageError> {
-    match flags.iter().find(|(_, is_given)| *is_given) {
-        Some((flag, _)) => Err(UsageError(format!(
-            "{flag} has no meaning for {kind}; leave it out"
-        ))),
-        None => Ok(()),
-    }
-}
-
 /// Warns if geometry hides part of the headbox from its centre.
 pub(super) fn warn_if_blocked(blocked_share: f64) {
     if blocked_share > 0.0 {
@@ -197,7 +187,7 @@ impl CaptureCommand {
     }
 
     fn run_deep(&self) -> anyhow::Result<()> {
-        self.refuse("a deep picture", &self.image_flags())?;
+        self.refuse_scene_flags("a deep picture", self.image_flags())?;
         let place = DeepPlace {
             centre: self.center,
             look_at: self.look_at,
@@ -210,13 +200,13 @@ impl CaptureCommand {
     }
 
     fn run_scene(&self) -> anyhow::Result<()> {
-        refuse_given("a scene", &self.deep_flags())?;
+        refuse_given("a scene", self.deep_flags())?;
         let start = Instant::now();
         let mut source = self.scene.source();
         source.light.hdr = self.hdr;
         let outputs = self.check_output(&source.name)?;
         let scene = Arc::new(source.open()?);
-        outputs.scene_is_open(&scene)?;
+        outputs.add_scene(&scene)?;
         let Headbox {
             centre,
             half_size_m,
@@ -240,16 +230,15 @@ impl CaptureCommand {
         } else {
             Lighting::of_scene(&tracer, 0) // shards are lit when they are merged
         };
-        let (_, parts) = self.shard.unwrap_or((0, 1));
-        let estimate = Estimate::new(&spec, &tracer, &lighting, &self.packing, parts, start);
-        let estimate = estimate
+        let shard = self.shard.unwrap_or((0, 1));
+        let estimate = Estimate::new(&spec, &tracer, &lighting, &self.packing, shard.1, start)
             .context("the capture failed")?
             .limit_memory(self.memory);
         eprintln!("estimate: {estimate}");
         let bar = Bar::planned(estimate.plan(), true);
         let options = RunOptions {
             budget: spill_budget(self.memory, &self.output),
-            shard: self.shard.unwrap_or((0, 1)),
+            shard,
             progress: &bar,
         };
         let capture = SceneCapture::new(&spec, &tracer, &lighting, &options);
@@ -301,7 +290,7 @@ impl CaptureCommand {
         Outputs::new(self.json, [scene_name]).file(&self.output, endings)
     }
 
-    /// Flags of image sets alone, each with true if it is given.
+    /// Flags of image sets only, each with true if it is given.
     fn image_flags(&self) -> [(&'static str, bool); 2] {
         [
             ("--depth-noise", self.depth_noise.is_some()),
@@ -309,7 +298,7 @@ impl CaptureCommand {
         ]
     }
 
-    /// Flags of deep images alone, each with true if it is given.
+    /// Flags of deep images only, each with true if it is given.
     fn deep_flags(&self) -> [(&'static str, bool); 2] {
         [
             ("--fov", self.fov.is_some()),
@@ -318,20 +307,23 @@ impl CaptureCommand {
     }
 
     /// Refuses flags of scenes, and `more`, for another kind of input.
-    fn refuse(&self, kind: &str, more: &[(&str, bool)]) -> Result<(), UsageError> {
+    fn refuse_scene_flags(
+        &self,
+        kind: &str,
+        more: [(&'static str, bool); 2],
+    ) -> Result<(), UsageError> {
         let own_flags = [
             ("--shard", self.shard.is_some()),
             ("--memory", self.memory.is_some()),
             ("--quality", self.quality.quality.is_some()),
             ("--hdr", self.hdr),
         ];
-        let flags: Vec<_> = own_flags
+        let flags = own_flags
             .into_iter()
             .chain(self.quality.given_flags())
-            .chain(self.scene.given())
-            .chain(more.iter().copied())
-            .collect();
-        refuse_given(kind, &flags)
+            .chain(self.scene.given_flags())
+            .chain(more);
+        refuse_given(kind, flags)
     }
 
     /// Traces and writes a shard.
@@ -351,7 +343,7 @@ impl CaptureCommand {
                 "shard": format!("{part}/{parts}"),
             }));
         } else {
-            let output = name_of(&self.output);
+            let output = output_name(&self.output);
             let label = shard::part_label(part, parts);
             println!("{output}: shard {label}, {rays} rays");
         }

@@ -1,12 +1,11 @@
-//! The headbox in the axes and the unit of its scene's file.
+//! Placement of the headbox, in the axes and unit of its scene's file.
 
-use crate::words::UsageError;
+use crate::messages::UsageError;
 use glam::DVec3;
 use headbox_core::file_frame::FileFrame;
 use headbox_core::headbox::Headbox;
 use headbox_scene::scene::Scene;
-use headbox_trace::viewpoint;
-use headbox_trace::viewpoint::HeadboxError;
+use headbox_trace::viewpoint::{self, HeadboxError};
 use std::sync::Arc;
 
 /// Places the headbox: as requested, in the file's axes and unit, else as the scene suggests, else
@@ -22,7 +21,7 @@ pub(crate) fn place_headbox(
         .map_err(|error| UsageError(in_file_units(&error, &scene.frame)))
 }
 
-/// The message of an error in the file's axes and unit.
+/// Formats an error in the file's axes and unit.
 fn in_file_units(error: &HeadboxError, frame: &FileFrame) -> String {
     match *error {
         HeadboxError::TooFar { centre, low, high } => {

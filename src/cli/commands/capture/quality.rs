@@ -140,8 +140,7 @@ pub(crate) enum Preset {
 }
 
 impl Preset {
-    /// Defaults of arguments under the presets draft and good. Those of best are the arguments'
-    /// own.
+    /// Defaults of arguments in the presets draft and good. Best has the arguments' own defaults.
     pub(crate) const NUMBERS: [(&str, [&str; 2]); 4] = [
         ("face_size", ["256", "512"]),
         ("strata", ["16", "24"]),
@@ -190,7 +189,7 @@ impl QualityArgs {
         ]
     }
 
-    /// The capture of a headbox (world metres) with this quality.
+    /// Specification of the capture of a headbox (world metres) with this quality.
     pub(super) fn spec(&self, scene: SceneSource, centre: DVec3, half_size_m: f64) -> CaptureSpec {
         CaptureSpec {
             scene,

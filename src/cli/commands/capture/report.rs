@@ -1,10 +1,10 @@
 //! The report of a capture on standard output.
 
 use super::CaptureCommand;
-use crate::output::{name_of, peak_rss_mb, print_json};
-use crate::packing::what_is_kept;
+use crate::messages::{format_count, shell_quote};
+use crate::output::{output_name, peak_rss_mb, print_json};
+use crate::packing::describe_cube;
 use crate::progress::duration;
-use crate::words::{counted, quoted};
 use headbox_core::files;
 use headbox_cube::model::info::Holes;
 use headbox_cube::pack::CubeLdi;
@@ -15,7 +15,7 @@ pub(super) struct CaptureTimes {
     pub(super) trace_s: f64,
     pub(super) total_s: f64,
     pub(super) estimated_s: f64,
-    /// Times of the stages, in words.
+    /// Times of the stages, as text.
     pub(super) stages: String,
 }
 
@@ -53,8 +53,8 @@ impl CaptureCommand {
         }
         println!(
             "{}: {} from {rays} rays",
-            name_of(&self.output),
-            what_is_kept(cube)
+            output_name(&self.output),
+            describe_cube(cube)
         );
         let stages = if times.stages.is_empty() {
             String::new()
@@ -81,7 +81,7 @@ impl CaptureCommand {
         if self.output.as_os_str() != files::STANDARD_OUTPUT {
             println!(
                 "look at it: headbox render {} -o frame.png",
-                quoted(&self.output)
+                shell_quote(&self.output)
             );
         }
     }
@@ -110,7 +110,7 @@ fn describe_search(holes: &Holes, limit: f64) -> String {
         format!(
             "{result}; the limit of {} % was not reached in {}",
             limit * 100.0,
-            counted(holes.rounds, "round")
+            format_count(holes.rounds, "round")
         )
     }
 }

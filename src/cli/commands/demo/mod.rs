@@ -1,20 +1,19 @@
-//! `headbox demo`: the main job, end to end.
+//! `headbox demo`: capture, rendering and comparison with truth, end to end.
 
 mod sprites;
 
 use crate::commands::capture::place::place_headbox;
 use crate::commands::demo::sprites::print_sprite_rows;
 use crate::output::{Outputs, peak_rss_mb, save_picture, write_text};
-use crate::packing::what_is_kept;
+use crate::packing::describe_cube;
 use crate::progress::{Bar, PlannedStage};
 use clap::Args;
-use glam::{DVec3, dvec3};
+use glam::DVec3;
 use headbox_core::camera::{Camera, CameraError};
 use headbox_core::drawing::contact_sheet::{SheetRow, contact_sheet};
 use headbox_core::frame::Coverage;
 use headbox_core::headbox::Headbox;
-use headbox_core::metrics;
-use headbox_core::metrics::Comparison;
+use headbox_core::metrics::{self, Comparison};
 use headbox_core::progress::Silent;
 use headbox_cube::model::parameters::CaptureParameters;
 use headbox_cube::pack::{CubeLdi, SplatIndexLayout, Split};
@@ -26,8 +25,7 @@ use headbox_ldi::scene_source::SceneSource;
 use headbox_ldi::spec::{CaptureSpec, RunOptions};
 use headbox_trace::bvh::Tracer;
 use headbox_trace::light::Lighting;
-use headbox_trace::truth;
-use headbox_trace::truth::Truth;
+use headbox_trace::truth::{self, Truth};
 use image::RgbImage;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -86,7 +84,7 @@ const EYES: [(&str, [f64; 3]); 6] = [
     ("corner", [0.95, 0.95, 0.95]),
 ];
 
-/// One eye position, rendered and judged.
+/// Frame and comparison with truth at one eye position.
 struct Row {
     label: &'static str,
     frame: RgbImage,
@@ -103,7 +101,7 @@ impl DemoCommand {
         let outputs = Outputs::new(false, [&self.scene]).folder(&self.out)?;
         let source = SceneSource::new(&self.scene);
         let scene = Arc::new(source.open()?);
-        outputs.scene_is_open(&scene)?;
+        outputs.add_scene(&scene)?;
         let Headbox {
             centre,
             half_size_m,
@@ -132,12 +130,12 @@ impl DemoCommand {
             .collect::<Result<_, _>>()?;
         let truths: Vec<RgbImage> = rows.iter().map(|row| row.truth.rgb()).collect();
         print_sprite_rows(&self.out, &tracer, &lighting, &cameras, &truths)?;
-        self.say_what_next();
+        self.print_next_steps();
         self.open_window();
         Ok(())
     }
 
-    /// Opens the window on the capture; a machine without a display has had all the rest.
+    /// Opens the window on the capture; without a display only prints a message.
     #[cfg(feature = "viewer")]
     fn open_window(&self) {
         if !self.no_window
@@ -176,7 +174,7 @@ impl DemoCommand {
         )?;
         let path = self.out.join("demo.ldi");
         cube.write(&path)?;
-        let (rays, kept) = (cube.info.rays_traced, what_is_kept(&cube));
+        let (rays, kept) = (cube.info.rays_traced, describe_cube(&cube));
         println!(
             "captured {kept} from {rays} rays: {:.1} s, of which tracing {:.1} s ({:.1} Mrays/s){}",
             start.elapsed().as_secs_f64(),
@@ -237,7 +235,7 @@ impl DemoCommand {
         write_text(&self.out.join("table.csv"), &csv(rows))
     }
 
-    fn say_what_next(&self) {
+    fn print_next_steps(&self) {
         let out = self.out.display();
         println!("\nframes, truth and a contact sheet are in {out}: open {out}/sheet.html first");
         println!(
@@ -260,18 +258,13 @@ fn spec(sizes: &Sizes, scene: SceneSource, centre: DVec3, half_size_m: f64) -> C
     }
 }
 
-/// The camera of an eye position: toward the face of the cube that has the most to show.
+/// Camera at an eye position, toward the side face with the most depth pixels.
 fn camera(cube: &CubeLdi, offset: [f64; 3], sizes: &Sizes) -> Result<Camera, CameraError> {
     let count = |normal: DVec3| -> usize {
-        let of_face = cube.segments.iter().filter(|s| s.face.normal() == normal);
-        of_face.map(|s| s.depth_pixels.len()).sum()
+        let face = cube.segments.iter().filter(|s| s.face.normal() == normal);
+        face.map(|s| s.depth_pixels.len()).sum()
     };
-    let sides = [
-        dvec3(0.0, 0.0, -1.0),
-        DVec3::X,
-        DVec3::Z,
-        dvec3(-1.0, 0.0, 0.0),
-    ];
+    let sides = [DVec3::NEG_Z, DVec3::X, DVec3::Z, DVec3::NEG_X];
     let ahead = sides
         .into_iter()
         .max_by_key(|&side| count(side))
@@ -299,12 +292,12 @@ fn render_rows(
     const REPEATS: usize = 9;
     let mut renderer = Renderer::new();
     let settings = RenderSettings::default();
-    let of_all = PlannedStage {
+    let stage = PlannedStage {
         stages: &["truth"],
         times: EYES.len() as u32,
         weight: 1.0,
     };
-    let bar = Bar::planned(vec![of_all], false);
+    let bar = Bar::planned(vec![stage], false);
     let mut rows = Vec::with_capacity(EYES.len());
     for (label, offset) in EYES {
         let camera = camera(cube, offset, sizes)?;
@@ -317,7 +310,7 @@ fn render_rows(
         ms.sort_by(f64::total_cmp);
         let (frame, _) = renderer.render_with_stats(cube, &camera, &settings);
         let truth = truth::render(tracer, lighting, true, &camera, sizes.truth_samples, &bar);
-        // A hole shows nothing, or shows the environment where truth shows geometry only.
+        // A hole has no splat and no environment, or environment where truth is only geometry.
         let hole = |(pixel, truth): (&Coverage, &Coverage)| {
             pixel.splat_share() == 0 && (*truth == Coverage::FULL || pixel.is_hole())
         };

@@ -1,4 +1,4 @@
-//! Sprites with depth in `headbox demo`: a few layers taken from the centre, beside the cube LDI.
+//! Sprites with depth in `headbox demo`: a few layers captured from the centre.
 
 use crate::output::write_text;
 use headbox_core::camera::Camera;
@@ -17,16 +17,16 @@ use image::RgbImage;
 use std::path::Path;
 use std::time::Instant;
 
-/// Layers at most.
+/// Maximum number of layers.
 const LAYERS: usize = 4;
 /// Rays per pixel of a layer.
 const SAMPLES: u32 = 4;
-/// Layers are wider than frames by this factor, for eyes off the centre.
+/// Size of layers relative to frames, for eyes off the centre.
 const MARGIN: f64 = 1.5;
 
-/// Takes sprites as the first camera sees the scene, draws them for all cameras by the paper's main
-/// variants, and prints time and error (against `truths`, one for each camera) beside each other;
-/// `demo.sprite` and `sprites.csv` go to `folder`.
+/// Captures sprites from the first camera, renders them for all cameras by the paper's main
+/// variants, and prints time and error (against `truths`, one for each camera). Writes
+/// `demo.sprite` and `sprites.csv` to `folder`.
 pub(super) fn print_sprite_rows(
     folder: &Path,
     tracer: &Tracer,
@@ -81,7 +81,7 @@ pub(super) fn print_sprite_rows(
     write_text(&folder.join("sprites.csv"), &csv)
 }
 
-/// Median time of a frame, ms, and FLIP for each camera.
+/// Renders all cameras; returns the median time of a frame, ms, and the FLIP error of each camera.
 fn draw(
     layers: &Composition,
     variant: SpriteVariant,

@@ -1,7 +1,7 @@
 //! `headbox export`.
 
+use crate::messages::UsageError;
 use crate::output::{EXPORT, Outputs, print_json};
-use crate::words::UsageError;
 use anyhow::{Context, bail};
 use clap::Args;
 use headbox_core::cube_face::Face;
@@ -55,7 +55,7 @@ fn parse_face(text: &str) -> Result<Face, String> {
     found.ok_or_else(|| "give +X, -X, +Y, -Y, +Z or -Z".into())
 }
 
-/// Triangles of a .glb unless something else is said.
+/// Default of `--triangles`.
 const TRIANGLES: u64 = 200_000;
 
 impl ExportCommand {
@@ -77,8 +77,8 @@ impl ExportCommand {
                 return Err(UsageError(format!("{name} is for .{wanted} files")).into());
             }
         }
-        let Some(representation) = headbox_views::of_file(&self.file) else {
-            // The reader of cubes names best what it is, or that it is not there.
+        let Some(representation) = headbox_views::find(&self.file) else {
+            // The reader of cubes has the best error message for other and missing files.
             CubeLdi::read(&self.file)?;
             bail!("{}: cannot be exported", self.file.display())
         };
@@ -94,34 +94,37 @@ impl ExportCommand {
             )
         };
         let view = (representation.open)(&self.file)?;
-        let (amount, of_what) = view.primitives();
-        let mut told = json!({"output": self.output, of_what.replace(' ', "_"): amount});
+        let (count, primitive) = view.primitives();
+        let mut report = json!({"output": self.output, primitive.replace(' ', "_"): count});
         let summary = self.write(&*view, exporter)?;
         for warning in &summary.warnings {
             eprintln!("warning: {warning}");
         }
         for (name, value) in summary.figures {
-            told[name] = value;
+            report[name] = value;
         }
         let bytes = std::fs::metadata(&self.output).map_or(0, |found| found.len());
-        told["bytes"] = bytes.into();
+        report["bytes"] = bytes.into();
         if self.json {
-            print_json(&told);
+            print_json(&report);
         } else {
             println!(
                 "{}: {:.1} MB{}",
                 self.output.display(),
                 bytes as f64 / 1e6,
-                summary.words
+                summary.details
             );
         }
         Ok(())
     }
 
-    /// Writes the output, whole or not at all.
+    /// Writes the output, completely or not at all.
     fn write(&self, view: &dyn View, exporter: &Exporter) -> anyhow::Result<ExportSummary> {
         let options = ExportOptions {
-            title: self.title.clone().unwrap_or_else(|| name_of(&self.file)),
+            title: self
+                .title
+                .clone()
+                .unwrap_or_else(|| default_title(&self.file)),
             triangles: self.triangles.unwrap_or(TRIANGLES),
             points: self.points,
             layers: self.layers.map(|layers| layers as usize),
@@ -150,8 +153,8 @@ impl ExportCommand {
     }
 }
 
-/// The name of a file without folder and ending.
-fn name_of(path: &Path) -> String {
+/// Name of a file without folder and extension.
+fn default_title(path: &Path) -> String {
     path.file_stem().map_or_else(
         || "headbox".into(),
         |stem| stem.to_string_lossy().into_owned(),

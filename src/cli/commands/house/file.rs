@@ -1,7 +1,7 @@
 //! `.house` files in other commands, such as `headbox info`.
 
+use crate::messages::UsageError;
 use crate::output::print_json;
-use crate::words::UsageError;
 use anyhow::Context;
 use headbox_house::backdrop::BackdropKind;
 use headbox_house::file;
@@ -71,7 +71,8 @@ impl KindTotals {
     }
 }
 
-/// `headbox info` of a `.house` file. Reading checks everything that a walk relies on.
+/// Prints the description of a `.house` file: `headbox info`. Reading checks everything that a walk
+/// relies on.
 pub(crate) fn info(path: &Path, check: bool, as_json: bool) -> anyhow::Result<()> {
     let (house, store, _) = file::read(path, u64::MAX)?;
     let bytes = std::fs::metadata(path)

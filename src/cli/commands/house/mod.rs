@@ -7,10 +7,10 @@ pub(crate) mod file;
 mod write;
 
 use crate::args::LightArgs;
+use crate::messages::UsageError;
 use crate::output::{Outputs, PLAN, print_json, write_text};
-use crate::words::UsageError;
 use clap::Args;
-use glam::DVec2;
+use glam::{DVec2, DVec3};
 use headbox_house::floor_plan::{FloorPlan, storeys};
 use headbox_model::load::{LoadedModel, ModelOptions, load_model};
 use headbox_model::{Finding, PortalModel, Severity};
@@ -69,7 +69,7 @@ impl HouseCommand {
             mut findings,
         } = self.open()?;
         model.scene.set_light(&self.light.parameters())?;
-        outputs.scene_is_open(&model.scene)?;
+        outputs.add_scene(&model.scene)?;
         if self.rays > 0 && !model.cells.is_empty() {
             let [low, high] = model.scene.bounds();
             let tracer = Tracer::new(Arc::new(model.scene.clone()), (low + high) / 2.0);
@@ -173,13 +173,13 @@ impl Survey {
 
     /// Names of the portals that do not touch a cell that they name.
     fn touching_no_cell(&self) -> Vec<&str> {
-        fn name(finding: &Finding) -> Option<&str> {
-            match finding {
-                Finding::TouchesNot { name, .. } => Some(name),
+        let findings = self.findings.iter();
+        findings
+            .filter_map(|finding| match finding {
+                Finding::TouchesNot { name, .. } => Some(name.as_str()),
                 _ => None,
-            }
-        }
-        self.findings.iter().filter_map(name).collect()
+            })
+            .collect()
     }
 
     fn print(&self) {
@@ -228,7 +228,7 @@ impl Survey {
             list(&self.touching_no_cell())
         );
         for finding in &self.findings {
-            // Unusable parts are left out, as in any other scene, and the rest is shown.
+            // Not errors here: unusable parts are left out and the rest is shown, as in any scene.
             let kind = if finding.severity() == Severity::Error {
                 "warning"
             } else {
@@ -297,18 +297,9 @@ fn floor_area(model: &PortalModel, cell: u32) -> f64 {
 
 /// Width in plan and height of an opening, metres.
 fn extent(portal: &headbox_model::Portal) -> [f64; 2] {
-    let low = portal
-        .polygon
-        .iter()
-        .copied()
-        .reduce(|a, b| a.min(b))
-        .unwrap_or_default();
-    let high = portal
-        .polygon
-        .iter()
-        .copied()
-        .reduce(|a, b| a.max(b))
-        .unwrap_or_default();
+    let points = || portal.polygon.iter().copied();
+    let low = points().reduce(DVec3::min).unwrap_or_default();
+    let high = points().reduce(DVec3::max).unwrap_or_default();
     let size = high - low;
     [size.x.hypot(size.z), size.y]
 }

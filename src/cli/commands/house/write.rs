@@ -2,9 +2,9 @@
 
 use crate::commands::house::file::{kind_by_name, note_unvisited};
 use crate::interrupt;
+use crate::messages::UsageError;
 use crate::output::{HOUSE, Outputs, PATH, write_text};
 use crate::progress::{Bar, duration};
-use crate::words::UsageError;
 use clap::Args;
 use headbox_core::camera::Camera;
 use headbox_core::progress::Progress;
@@ -83,7 +83,7 @@ struct WrittenHouse {
     interrupted: bool,
 }
 
-/// A bar whose work is cancelled by an interrupt.
+/// Progress bar whose work an interrupt cancels.
 struct InterruptibleBar(Bar);
 
 impl Progress for InterruptibleBar {
@@ -96,7 +96,7 @@ impl Progress for InterruptibleBar {
     }
 
     fn is_cancelled(&self) -> bool {
-        interrupt::asked()
+        interrupt::is_requested()
     }
 }
 
@@ -130,7 +130,7 @@ impl HouseFileArgs {
     pub(super) fn write(&self, mut model: PortalModel) -> anyhow::Result<WrittenFiles> {
         let is_sound = model.scene.validate().is_ok();
         if self.output.is_some() && is_sound {
-            interrupt::keep_what_is_done();
+            interrupt::keep_partial_results();
             if self.unlit {
                 model.stitch();
             }
@@ -141,7 +141,7 @@ impl HouseFileArgs {
         bar.0.finish();
         if let Err(MakeError::NoLight) = &made {
             eprintln!("error: {}", MakeError::NoLight);
-            interrupt::end();
+            interrupt::exit();
         }
         let made = made?;
         for portal in &made.oversized {
@@ -168,7 +168,7 @@ impl HouseFileArgs {
                 requested: made.requested,
                 capture_s: made.capture_time.as_secs_f64(),
                 light_samples: made.light_samples,
-                interrupted: interrupt::asked(),
+                interrupted: interrupt::is_requested(),
             });
         }
         Ok(written)

@@ -1,4 +1,4 @@
-//! `headbox images --depth`: depth of photographs, found from the photographs.
+//! `headbox images --depth`: estimates the depth of photographs.
 
 use crate::image_set::SetArgs;
 use crate::progress::Bar;
@@ -29,17 +29,17 @@ pub(super) struct DepthArgs {
     depth_size: u32,
 }
 
-/// Result of the depth search.
+/// Result of the depth estimation.
 pub(super) struct Outcome {
     views: usize,
     agreement: Agreement,
     seconds: f64,
-    /// The folder that has it.
+    /// Folder of the set with the estimated depth.
     pub(super) folder: PathBuf,
 }
 
 impl DepthArgs {
-    /// Finds depth, if that was asked for.
+    /// Estimates depth, if requested.
     pub(super) fn run(&self, folder: &Path, args: &SetArgs) -> anyhow::Result<Option<Outcome>> {
         if !self.depth {
             return Ok(None);
@@ -47,7 +47,7 @@ impl DepthArgs {
         let started = Instant::now();
         let bar = Bar::new();
         let (mut set, known) = match &self.output {
-            Some(output) => rewritten(folder, output, args, &bar)?,
+            Some(output) => copy_set(folder, output, args, &bar)?,
             None => (args.open(folder)?, Vec::new()),
         };
         let lacking = set
@@ -65,11 +65,11 @@ impl DepthArgs {
         let names: Vec<String> = set.views.iter().map(|view| view.name.clone()).collect();
         let (mut agreement, mut views, mut failed) = (Agreement::default(), 0, None);
         bar.begin("finding depth", "steps", set.find_depth_steps());
-        let how = DenseDepth {
+        let settings = DenseDepth {
             longest_px: self.depth_size,
             ..DenseDepth::default()
         };
-        set.find_depth(&how, &|| bar.advance(1), &mut |view, found| {
+        set.find_depth(&settings, &|| bar.advance(1), &mut |view, found| {
             let original = names
                 .iter()
                 .position(|name| *name == view.name)
@@ -97,8 +97,9 @@ impl DepthArgs {
     }
 }
 
-/// A set written anew, its lenses ideal and without depth, and the views that it was written from.
-fn rewritten(
+/// Writes a copy of a set without lens distortion and without depth. Returns the copy and its
+/// original views.
+fn copy_set(
     folder: &Path,
     output: &Path,
     args: &SetArgs,

@@ -1,9 +1,8 @@
-//! `headbox images`: what an image set is, and what is wrong with it.
+//! `headbox images`: description and checks of an image set.
 
 mod depth;
 
-use crate::commands::capture::deep as capture_deep;
-use crate::commands::capture::deep::is_deep_picture;
+use crate::commands::capture::deep::{self as capture_deep, is_deep_picture};
 use crate::commands::images::depth::{DepthArgs, Outcome};
 use crate::image_set::SetArgs;
 use crate::output::print_json;
@@ -22,6 +21,7 @@ use headbox_images::{
 use headbox_ldi::from_images::ImagesJob;
 use headbox_photos::voxel_colouring::PhotographsJob;
 use serde_json::json;
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 #[derive(Args)]
@@ -45,7 +45,7 @@ pub(crate) struct ImagesCommand {
     json: bool,
 }
 
-/// Pairs of neighbours that are compared.
+/// Default number of pairs of neighbours that are compared.
 const PAIRS: usize = 16;
 
 /// Method of capturing a set: by its depth or, where no view has any, by voxel colouring.
@@ -77,7 +77,7 @@ impl SetJob {
         }
     }
 
-    /// The views that it takes.
+    /// Views that are captured.
     pub(super) fn views<'a>(&self, set: &'a ImageSet) -> Vec<&'a View> {
         match self {
             Self::Depth(_) => set.views_with_depth().collect(),
@@ -90,8 +90,8 @@ impl SetJob {
             Self::Depth(job) => job.run(set, &self.views(set), bar),
             Self::Photographs(job) => {
                 let views = self.views(set);
-                if let Some(why) = job.left_out(&views) {
-                    eprintln!("warning: {why}");
+                if let Some(warning) = job.left_out(&views) {
+                    eprintln!("warning: {warning}");
                 }
                 job.run(set, &views, bar)
             }
@@ -99,13 +99,13 @@ impl SetJob {
     }
 }
 
-/// The cube of a set, with all that is suggested for it.
-pub(super) fn cube(folder: &Path, set: &SetArgs, bar: &Bar) -> anyhow::Result<CubeLdi> {
-    cube_of(&set.open_registered(folder)?, bar)
+/// Captures the cube LDI of a folder of images with the suggested parameters.
+pub(super) fn cube_from_folder(folder: &Path, set: &SetArgs, bar: &Bar) -> anyhow::Result<CubeLdi> {
+    cube_from_set(&set.open_registered(folder)?, bar)
 }
 
-/// Same as [`cube`], for an open set.
-pub(super) fn cube_of(set: &ImageSet, bar: &Bar) -> anyhow::Result<CubeLdi> {
+/// Same as [`cube_from_folder`], for an open set.
+pub(super) fn cube_from_set(set: &ImageSet, bar: &Bar) -> anyhow::Result<CubeLdi> {
     let ldi = SetJob::suggest(set).run(set, bar)?;
     Ok(planes::pack(
         ldi,
@@ -115,8 +115,8 @@ pub(super) fn cube_of(set: &ImageSet, bar: &Bar) -> anyhow::Result<CubeLdi> {
     )?)
 }
 
-/// The views that a cube can be made from.
-pub(super) fn with_depth(set: &ImageSet) -> anyhow::Result<Vec<&View>> {
+/// Returns the views with depth; an error if there is none.
+pub(super) fn views_with_depth(set: &ImageSet) -> anyhow::Result<Vec<&View>> {
     let views: Vec<&View> = set.views_with_depth().collect();
     if views.is_empty() {
         bail!(
@@ -140,7 +140,7 @@ pub(super) fn is_image_set(name: &str) -> bool {
 
 impl ImagesCommand {
     /// Creates the command `headbox images FOLDER`.
-    pub(super) fn of(folder: &Path, json: bool) -> Self {
+    pub(super) fn new(folder: &Path, json: bool) -> Self {
         Self {
             folder: folder.into(),
             align: false,
@@ -167,9 +167,10 @@ impl ImagesCommand {
             .min(set.views_with_depth().count().saturating_sub(1));
         let bar = Bar::new();
         bar.begin("comparing neighbours", "views", pairs as u64 + 1);
-        let report = match self.pairs {
-            0 => CheckReport::default(),
-            _ => check(&set, self.pairs, &mut |_| bar.advance(1))?,
+        let report = if self.pairs == 0 {
+            CheckReport::default()
+        } else {
+            check(&set, self.pairs, &mut |_| bar.advance(1))?
         };
         bar.finish();
         for warning in &report.warnings {
@@ -261,8 +262,7 @@ impl ImagesCommand {
             .iter()
             .filter(|view| view.lens == Lens::Equirectangular)
             .count();
-        let sizes: std::collections::BTreeSet<[u32; 2]> =
-            set.views.iter().map(|view| view.size_px).collect();
+        let sizes: BTreeSet<[u32; 2]> = set.views.iter().map(|view| view.size_px).collect();
         let sizes: Vec<String> = sizes
             .iter()
             .take(4)
@@ -275,13 +275,14 @@ impl ImagesCommand {
         let (low, high) = extent(set);
         println!(
             "  eyes        from {} to {} (the file's axes and unit)",
-            words(low),
-            words(high)
+            format_point(low),
+            format_point(high)
         );
         if with_depth > 0 && self.pairs > 0 {
-            let half = match report.median_depth_m.is_nan() {
-                true => String::new(),
-                false => format!(", half of it within {:.2} m", report.median_depth_m),
+            let half = if report.median_depth_m.is_nan() {
+                String::new()
+            } else {
+                format!(", half of it within {:.2} m", report.median_depth_m)
             };
             println!(
                 "  depth       known for {:.1} % of the pixels{half}",
@@ -322,7 +323,7 @@ fn print_neighbors(compared: &[Residual]) {
     }
 }
 
-/// The corners of the eyes' bounding box, the file's axes and unit.
+/// Corners of the eyes' bounding box, in the file's axes and unit.
 fn extent(set: &ImageSet) -> (DVec3, DVec3) {
     let eyes = set
         .views
@@ -332,6 +333,6 @@ fn extent(set: &ImageSet) -> (DVec3, DVec3) {
     eyes.fold(empty, |(low, high), eye| (low.min(eye), high.max(eye)))
 }
 
-fn words(p: DVec3) -> String {
+fn format_point(p: DVec3) -> String {
     format!("{:.3},{:.3},{:.3}", p.x, p.y, p.z)
 }

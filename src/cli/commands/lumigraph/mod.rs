@@ -6,9 +6,9 @@ use super::images::is_image_set;
 use crate::args::{Names, SourceArgs, by_name, parse_length, parse_size, parse_vector};
 use crate::commands::capture::place::place_headbox;
 use crate::image_set::SetArgs;
+use crate::messages::UsageError;
 use crate::output::{LUMIGRAPH, Outputs, peak_rss_mb, print_json};
 use crate::progress::Bar;
-use crate::words::UsageError;
 use anyhow::Context;
 use clap::Args;
 use glam::DVec3;
@@ -134,7 +134,7 @@ fn placement_name(placement: Placement) -> &'static str {
         .map_or("", |(name, ..)| name)
 }
 
-/// Cameras of a row or column, at most.
+/// Maximum number of cameras in a row or column.
 const MAX_CAMERAS: u32 = 256;
 
 fn parse_cameras(text: &str) -> Result<(u32, u32), String> {
@@ -169,18 +169,16 @@ impl LumigraphCommand {
             Outputs::new(self.json, [Path::new(&self.scene)]).file(&self.output, &LUMIGRAPH)?;
         let source = self.source.source(&self.scene);
         let scene = Arc::new(source.open()?);
-        outputs.scene_is_open(&scene)?;
+        outputs.add_scene(&scene)?;
         let (grids, tracer) = self.grid.place(&scene)?;
         let bounces = self.quality.bounces.unwrap_or(1);
         let lighting = Lighting::prepare(&tracer, bounces, !self.quality.unlit);
         let bar = Bar::new();
-        let LumigraphQualityArgs { samples, unlit, .. } = self.quality;
-        let samples = samples.unwrap_or(8);
         let capture = LumigraphCapture {
             tracer: &tracer,
             lighting: &lighting,
-            lit: !unlit,
-            samples,
+            lit: !self.quality.unlit,
+            samples: self.quality.samples.unwrap_or(8),
         };
         let mut slabs = Vec::new();
         for grid in &grids {
@@ -195,7 +193,7 @@ impl LumigraphCommand {
         (slabs[0].info.source, slabs[0].info.frame) = (source.name, scene.frame);
         let slabs = Slabs::new(slabs)?;
         slabs.write(&self.output)?;
-        self.tell(&slabs, start.elapsed().as_secs_f64());
+        self.print_result(&slabs, start.elapsed().as_secs_f64());
         Ok(())
     }
 
@@ -204,7 +202,7 @@ impl LumigraphCommand {
         raw.layered(self.quality.layers as usize, self.quality.placement)
     }
 
-    pub(super) fn tell(&self, slabs: &Slabs, seconds: f64) {
+    pub(super) fn print_result(&self, slabs: &Slabs, seconds: f64) {
         if self.json {
             let mut facts = lumigraph_json(slabs);
             facts["total_s"] = json!(seconds);
@@ -215,19 +213,19 @@ impl LumigraphCommand {
         let (first, count) = (slabs.first(), slabs.all().len());
         let (columns, rows) = (first.grid().columns().len(), first.grid().rows().len());
         let (file, layers) = (self.output.display(), first.layers().len());
-        let of_slabs = if count > 1 {
+        let prefix = if count > 1 {
             format!("{count} light slabs of ")
         } else {
             String::new()
         };
-        println!("{file}: {of_slabs}{columns}x{rows} images, {layers} layers, {seconds:.2} s");
+        println!("{file}: {prefix}{columns}x{rows} images, {layers} layers, {seconds:.2} s");
         println!("look at it: headbox render {file} -o frame.png");
     }
 }
 
 impl LumigraphQualityArgs {
-    /// Options of tracing that were given, by flag.
-    pub(super) fn given(&self) -> [(&'static str, bool); 3] {
+    /// Flags of tracing, each with true if it is given.
+    pub(super) fn given_flags(&self) -> [(&'static str, bool); 3] {
         [
             ("--samples", self.samples.is_some()),
             ("--bounces", self.bounces.is_some()),
@@ -237,8 +235,8 @@ impl LumigraphQualityArgs {
 }
 
 impl GridArgs {
-    /// Options that were given, by flag.
-    pub(super) fn given(&self) -> [(&'static str, bool); 11] {
+    /// Flags of the grid, each with true if it is given.
+    pub(super) fn given_flags(&self) -> [(&'static str, bool); 11] {
         [
             ("--plane", !self.plane.is_empty()),
             ("--normal", !self.normal.is_empty()),
@@ -254,7 +252,7 @@ impl GridArgs {
         ]
     }
 
-    /// The cameras of each light slab, and a tracer about the first one's plane.
+    /// Cameras of each light slab, and a tracer about the plane of the first.
     fn place(&self, scene: &Arc<Scene>) -> anyhow::Result<(Vec<CameraGrid>, Tracer)> {
         let several = self.plane.len() > 1;
         if several && self.slabs.is_some() {
@@ -295,7 +293,7 @@ impl GridArgs {
             Ok([first]) => {
                 let frame = &scene.frame;
                 let centre = self.about.map(|about| frame.world_from_file(about));
-                let grids = self.turned(first, centre, self.up(frame), &tracer)?;
+                let grids = self.turned_grids(first, centre, self.up(frame), &tracer)?;
                 Ok((grids, tracer))
             }
             Err(grids) => Ok((grids, tracer)),
@@ -307,7 +305,7 @@ impl GridArgs {
             .map_or(DVec3::Y, |up| frame.world_direction_from_file(up))
     }
 
-    /// Cameras on one plane about the middle of a headbox.
+    /// Cameras on one plane about the centre of a headbox.
     fn grid(
         &self,
         tracer: &Tracer,
@@ -326,7 +324,7 @@ impl GridArgs {
         let (columns, rows) = self
             .cameras
             .map_or((4, 4), |(columns, rows)| (columns as usize, rows as usize));
-        // Of a single column, the rows' own extent.
+        // A single column has the extent in the rows.
         let spacing = edge_m / (columns.max(2) - 1) as f64;
         let (width, height) = self.size.unwrap_or((512, 512));
         let half_fov = self.fov.unwrap_or(60.0).to_radians() / 2.0;
@@ -354,8 +352,8 @@ impl GridArgs {
         CameraGrid::new(parts).map_err(|error| usage(error.to_string()))
     }
 
-    /// A plane of cameras, and the others that it becomes when it is turned.
-    fn turned(
+    /// The first plane of cameras and its copies, rotated about a vertical line.
+    fn turned_grids(
         &self,
         first: CameraGrid,
         centre: Option<DVec3>,
@@ -399,7 +397,7 @@ fn usage(text: impl Into<String>) -> anyhow::Error {
     UsageError(text.into()).into()
 }
 
-/// Describes light slabs: the first, and the planes of all.
+/// Describes the first light slab, and the planes of all.
 pub(super) fn lumigraph_json(slabs: &Slabs) -> serde_json::Value {
     let lumigraph = slabs.first();
     let (grid, frame) = (lumigraph.grid(), &lumigraph.info.frame);
@@ -421,9 +419,9 @@ pub(super) fn lumigraph_json(slabs: &Slabs) -> serde_json::Value {
     })
 }
 
-/// `headbox info` of a `.lumi` file.
+/// Prints the description of a `.lumi` file: `headbox info`.
 pub(super) fn info(path: &Path, check: bool, json: bool) -> Result<(), FileError> {
-    // What reading accepts a renderer can rely on; --check has nothing to add but the word.
+    // Reading checks everything that a renderer relies on; --check only confirms it.
     let slabs = Slabs::read(path)?;
     let bytes = std::fs::metadata(path)
         .map_err(|source| FileError::Io {

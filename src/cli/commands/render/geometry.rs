@@ -1,9 +1,9 @@
-//! Folders of images drawn by view-dependent geometry instead of a cube LDI.
+//! View-dependent geometry of image sets, instead of a cube LDI.
 
-use crate::commands::images::with_depth;
+use crate::commands::images::views_with_depth;
 use crate::image_set::SetArgs;
+use crate::messages::UsageError;
 use crate::progress::Bar;
-use crate::words::UsageError;
 use clap::Args;
 use glam::DVec3;
 use headbox_core::camera::Camera;
@@ -15,7 +15,7 @@ use headbox_photos::view_geometry::{
 };
 use std::path::{Path, PathBuf};
 
-/// Message for options that are given without their variant.
+/// Message for options of view-dependent geometry without its variant.
 pub(crate) const GEOMETRY_ALONE: &str = "--cameras, --grid, --sample-spacing, --lod and --pictures-memory are for --variant geometry-blended and its kin (-averaged, -multi, \
      -single, -nearest), of a folder of images with depth";
 
@@ -48,14 +48,14 @@ pub(crate) struct GeometryResourceArgs {
 }
 
 impl GeometryArgs {
-    /// Returns true if any of them was given.
+    /// Returns true if any of these options was given.
     #[cfg(feature = "viewer")]
     pub(crate) fn are_given(&self) -> bool {
         let numbers = [self.cameras, self.grid];
         numbers.iter().any(Option::is_some) || self.lod.is_some() || self.resources.are_given()
     }
 
-    /// Settings of frames.
+    /// Settings of a frame.
     pub(crate) fn settings(&self) -> GeometrySettings {
         let default = GeometrySettings::default();
         GeometrySettings {
@@ -68,7 +68,7 @@ impl GeometryArgs {
 }
 
 impl GeometryResourceArgs {
-    /// Returns true if any of them was given.
+    /// Returns true if any of these options was given.
     pub(crate) fn are_given(&self) -> bool {
         self.sample_spacing.is_some() || self.pictures_memory.is_some()
     }
@@ -92,12 +92,12 @@ impl GeometryResourceArgs {
     }
 }
 
-/// Opens a set, with the camera of its middle view.
-pub(crate) fn geometry_of(
+/// Opens view-dependent geometry of a set; returns the camera of its central view, too.
+pub(crate) fn open_geometry(
     set: &ImageSet,
     args: &GeometryResourceArgs,
 ) -> anyhow::Result<(ViewGeometry, Option<Camera>)> {
-    let views = with_depth(set)?;
+    let views = views_with_depth(set)?;
     let bar = Bar::new();
     let geometry = ViewGeometry::open(
         set,
@@ -113,22 +113,21 @@ pub(crate) fn geometry_of(
     Ok((geometry, set.central_view().and_then(|view| view.camera())))
 }
 
-/// View-dependent geometry of a set as a view.
+/// Opens view-dependent geometry of a folder of images as a view.
 pub(crate) fn geometry_view(
     folder: &Path,
     set: SetArgs,
     settings: GeometrySettings,
     args: &GeometryResourceArgs,
 ) -> anyhow::Result<GeometryView> {
-    let (geometry, central) = geometry_of(&set.open_registered(folder)?, args)?;
+    let (geometry, central) = open_geometry(&set.open_registered(folder)?, args)?;
     let ahead = || Camera::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, 60.0, [1024, 768]);
     let start = central.map_or_else(ahead, Ok)?;
     Ok(GeometryView::new(geometry, &start, settings))
 }
 
-/// The way of texturing of a variant's name, if it is one; an error if it is not asked for with one
-/// folder of images.
-pub(crate) fn texturing_of(
+/// Texturing that a variant names, if any; an error if the input is not a single folder of images.
+pub(crate) fn parse_texturing(
     variant: Option<&str>,
     is_set_alone: bool,
 ) -> anyhow::Result<Option<Texturing>> {

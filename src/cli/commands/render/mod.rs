@@ -4,22 +4,22 @@ pub(crate) mod geometry;
 mod polygons;
 mod poses;
 pub(crate) mod radiance;
-mod shown;
+mod view_renderer;
 
-use self::shown::{Planes, Shown, hex};
+use self::view_renderer::{Planes, ViewRenderer, hex};
 use super::images::is_image_set;
 use crate::args::{CameraArgs, DefaultCamera, parse_length};
 use crate::commands::images;
 use crate::commands::render::geometry::{
-    GEOMETRY_ALONE, GeometryResourceArgs, geometry_view, texturing_of,
+    GEOMETRY_ALONE, GeometryResourceArgs, geometry_view, parse_texturing,
 };
 use crate::commands::render::polygons::PolygonsArg;
 use crate::commands::render::radiance::{is_radiance, save_radiance};
 use crate::image_set::SetArgs;
+use crate::messages::UsageError;
 use crate::output::{DEPTH, FILM, FRAME, Outputs, PICTURE, print_json, save_picture};
 use crate::progress::Bar;
 use crate::setting_flags::SettingFlags;
-use crate::words::UsageError;
 use anyhow::bail;
 use clap::Args;
 use headbox_core::camera::Camera;
@@ -45,7 +45,7 @@ use image::RgbImage;
 use serde_json::json;
 use std::path::{Path, PathBuf};
 
-/// Figures of a frame that the JSON object and times.csv have, with their names in reports.
+/// Figures of a frame in the JSON object and in times.csv, with their names in reports.
 const FIGURES: [(&str, &str); 2] = [
     ("depth_pixels_in", "depth pixels in"),
     ("splatted", "splatted"),
@@ -109,8 +109,8 @@ pub(crate) struct RenderCommand {
     json: bool,
 }
 
-/// Refuses what is neither a splat kernel nor a way to texture view-dependent geometry, before a
-/// folder of images becomes either.
+/// Refuses a variant that is neither a splat kernel nor a texturing of view-dependent geometry,
+/// before a folder of images is opened.
 fn refuse_unknown_variant(name: &str) -> Result<(), UsageError> {
     if SplatKernel::from_name(name).is_some() {
         return Ok(());
@@ -129,7 +129,7 @@ impl RenderCommand {
         let outputs = Outputs::new(self.json, self.files.iter().chain(&self.path));
         match &self.path {
             Some(_) if film::is_film(&self.output) => outputs.file(&self.output, &FILM)?,
-            Some(_) => outputs.folder_of_frames(&self.output)?,
+            Some(_) => outputs.frame_folder(&self.output)?,
             None => {
                 let outputs = outputs
                     .file(&self.output, &FRAME)?
@@ -137,38 +137,42 @@ impl RenderCommand {
                 outputs.maybe_file(self.coverage.as_ref(), &PICTURE)?
             }
         };
-        let mut shown = self.open()?;
-        let frame = shown.view.file_frame();
+        let mut renderer = self.open()?;
+        let frame = renderer.view.file_frame();
         match &self.path {
             Some(path) => {
-                let cameras =
-                    self.camera
-                        .of_path(camera_path::read(path, &frame, f64::from(self.fps()))?)?;
-                shown.warn_if_outside(&cameras);
-                match film::is_film(&self.output) {
-                    true => self.render_film(&mut shown, &cameras, self.film_fps(path, &frame)?),
-                    false => self.render_path(&mut shown, &cameras),
+                let cameras = self.camera.resize_path(camera_path::read(
+                    path,
+                    &frame,
+                    f64::from(self.fps()),
+                )?)?;
+                renderer.warn_if_outside(&cameras);
+                if film::is_film(&self.output) {
+                    self.render_film(&mut renderer, &cameras, self.film_fps(path, &frame)?)
+                } else {
+                    self.render_path(&mut renderer, &cameras)
                 }
             }
             None => {
-                let default = DefaultCamera::of_view(&*shown.view, self.camera.size);
+                let default = DefaultCamera::from_view(&*renderer.view, self.camera.size);
                 let camera = self.camera.camera(&frame, &default)?;
-                shown.warn_if_outside(&[camera]);
-                self.render_one(&mut shown, &camera)
+                renderer.warn_if_outside(&[camera]);
+                self.render_one(&mut renderer, &camera)
             }
         }
     }
 
-    /// Opens the files as one view, with the settings that were given.
-    fn open(&self) -> anyhow::Result<Shown> {
+    /// Opens the files as one view with the given settings.
+    fn open(&self) -> anyhow::Result<ViewRenderer> {
         let is_set = |file: &PathBuf| is_image_set(&file.to_string_lossy());
-        self.images.only_for_sets(self.files.iter().any(is_set))?;
+        self.images
+            .refuse_without_set(self.files.iter().any(is_set))?;
         let is_set_alone = matches!(self.files.as_slice(), [folder] if is_set(folder));
-        let texturing = texturing_of(self.settings.get("variant"), is_set_alone)?;
+        let texturing = parse_texturing(self.settings.get("variant"), is_set_alone)?;
         let is_given = |flag: &&str| self.settings.get(flag).is_some();
-        let of_geometry =
+        let has_geometry_flags =
             self.geometry.are_given() || ["cameras", "grid", "lod"].iter().any(is_given);
-        if texturing.is_none() && of_geometry {
+        if texturing.is_none() && has_geometry_flags {
             return Err(UsageError(GEOMETRY_ALONE.into()).into());
         }
         if let (true, None, Some(name)) = (is_set_alone, texturing, self.settings.get("variant")) {
@@ -182,9 +186,9 @@ impl RenderCommand {
                 &self.geometry,
             )?),
             [folder] if is_set(folder) => Box::new(TruthView::new(self.cube(folder)?)),
-            [file] if PolygonsArg::of_file(file)?.is_none() => match headbox_views::of_file(file) {
+            [file] if PolygonsArg::parse(file)?.is_none() => match headbox_views::find(file) {
                 Some(representation) => (representation.open)(file)?,
-                // What is no file of ours the reader of cubes names best.
+                // The reader of cubes has the best error message for other files.
                 None => Box::new(TruthView::new(CubeLdi::read(file)?)),
             },
             _ => Box::new(self.open_layers()?),
@@ -200,28 +204,27 @@ impl RenderCommand {
             let message = "--exposure is for pictures; an .exr holds the light itself";
             return Err(UsageError(message.into()).into());
         }
-        Ok(Shown::new(view, values))
+        Ok(ViewRenderer::new(view, values))
     }
 
-    /// The cube LDI of a folder of images.
+    /// Captures the cube LDI of a folder of images.
     fn cube(&self, folder: &Path) -> anyhow::Result<CubeLdi> {
         let bar = Bar::new();
-        let cube = images::cube(folder, &self.images, &bar)?;
+        let cube = images::cube_from_folder(folder, &self.images, &bar)?;
         bar.finish();
         Ok(cube)
     }
 
-    /// Several files of one world, laid over each other. Axes, unit and camera are those of the
-    /// first that is no model.
+    /// Opens several files of one world as a composition. Axes, unit and camera are those of the
+    /// first file that is not a model.
     fn open_layers(&self) -> anyhow::Result<LayersView> {
         let (mut cubes, mut sprites, mut models) = (Vec::new(), None::<SpriteSet>, Vec::new());
         let mut start = None;
         for file in &self.files {
-            if let Some(model) = PolygonsArg::of_file(file)? {
+            if let Some(model) = PolygonsArg::parse(file)? {
                 models.push(model);
                 continue;
             }
-            let is_set = is_image_set(&file.to_string_lossy());
             let kind = Container::peek_kind(file).ok().flatten();
             if kind == Some(SPRITE_FILE.tag) {
                 let set = SpriteSet::read(file)?;
@@ -244,9 +247,10 @@ impl RenderCommand {
                 );
                 return Err(UsageError(message).into());
             }
-            let cube = match is_set {
-                true => self.cube(file)?,
-                false => CubeLdi::read(file)?,
+            let cube = if is_image_set(&file.to_string_lossy()) {
+                self.cube(file)?
+            } else {
+                CubeLdi::read(file)?
             };
             start.get_or_insert_with(|| LayersStart {
                 view: CubeView::start_in(&cube),
@@ -271,17 +275,17 @@ impl RenderCommand {
         Ok(LayersView::of_layers(layers, start))
     }
 
-    /// Moments a second of an animation.
+    /// Frame rate at which an animation is sampled, frames per second.
     fn fps(&self) -> u32 {
         self.fps.unwrap_or(30)
     }
 
     /// Projection of the frame.
     fn projection(&self) -> Projection {
-        /// Between the pupils of people, metres.
-        const PEOPLE_M: f64 = 0.064;
+        /// Human interpupillary distance, metres.
+        const EYE_DISTANCE_M: f64 = 0.064;
         match (self.stereo, self.panorama, self.vr180) {
-            (distance_m, _, true) => Projection::HalfSpheres(distance_m.unwrap_or(PEOPLE_M)),
+            (distance_m, _, true) => Projection::HalfSpheres(distance_m.unwrap_or(EYE_DISTANCE_M)),
             (Some(distance_m), true, _) => Projection::StereoPanorama(distance_m),
             (Some(distance_m), false, _) => Projection::SideBySide(distance_m),
             (None, true, _) => Projection::Panorama,
@@ -289,20 +293,21 @@ impl RenderCommand {
         }
     }
 
-    fn picture(&self, shown: &mut Shown, camera: &Camera) -> anyhow::Result<RgbImage> {
+    fn picture(&self, renderer: &mut ViewRenderer, camera: &Camera) -> anyhow::Result<RgbImage> {
         self.projection().draw(camera, |camera| {
-            anyhow::Ok(shown.render(camera, 1, Planes::None)?.image)
+            anyhow::Ok(renderer.render(camera, 1, Planes::None)?.image)
         })
     }
 
-    fn render_one(&self, shown: &mut Shown, camera: &Camera) -> anyhow::Result<()> {
+    fn render_one(&self, renderer: &mut ViewRenderer, camera: &Camera) -> anyhow::Result<()> {
         if self.projection() != Projection::Frame {
-            let picture = self.picture(shown, camera)?;
-            self.save(shown, &picture)?;
+            let picture = self.picture(renderer, camera)?;
+            self.save(renderer, &picture)?;
             let (width, height) = picture.dimensions();
-            match self.json {
-                true => print_json(&json!({"size": [width, height], "variant": shown.variant()})),
-                false => println!("{}: {width}x{height}", self.output.display()),
+            if self.json {
+                print_json(&json!({"size": [width, height], "variant": renderer.variant()}));
+            } else {
+                println!("{}: {width}x{height}", self.output.display());
             }
             return Ok(());
         }
@@ -311,37 +316,37 @@ impl RenderCommand {
             (None, Some(_)) => Planes::Coverage,
             (None, None) => Planes::None,
         };
-        let rendered = shown.render(camera, self.repeat, planes)?;
-        self.save(shown, &rendered.image)?;
+        let rendered = renderer.render(camera, self.repeat, planes)?;
+        self.save(renderer, &rendered.image)?;
         if let Some(planes) = &rendered.planes {
             self.save_planes(planes)?;
         }
         let ms_median = rendered.ms_median();
         if self.json {
-            let mut told = json!({
-                "ms_median": ms_median, "ms": rendered.ms, "stages": rendered.stages(), "variant": shown.variant(),
-                "statistics": shown.statistics(camera), "hole_fraction": rendered.hole_fraction(),
+            let mut report = json!({
+                "ms_median": ms_median, "ms": rendered.ms, "stages": rendered.stages(), "variant": renderer.variant(),
+                "statistics": renderer.statistics(camera), "hole_fraction": rendered.hole_fraction(),
                 "threads": rayon::current_num_threads(), "simd": simd::name(simd::level()),
             });
             for (key, figure) in FIGURES {
                 if let Some(value) = rendered.figure(figure) {
-                    told[key] = json!(value as u64);
+                    report[key] = json!(value as u64);
                 }
             }
             if self.settings.get(OVERLAY).is_some() {
-                told["overlay"] = json!(shown.overlay());
-                told["size"] = json!([camera.width(), camera.height()]);
-                rendered.overlay(&mut told);
+                report["overlay"] = json!(renderer.overlay());
+                report["size"] = json!([camera.width(), camera.height()]);
+                rendered.add_overlay(&mut report);
             }
-            print_json(&told);
+            print_json(&report);
         } else {
             let (file, holes) = (self.output.display(), rendered.hole_fraction() * 100.0);
             println!(
                 "{file}: {ms_median:.2} ms, {}, {holes:.3} % holes",
-                shown.summary()
+                renderer.summary()
             );
             if self.settings.get(OVERLAY).is_some() {
-                println!("  overlay {}", shown.overlay());
+                println!("  overlay {}", renderer.overlay());
             }
             let legend = rendered.report.legend.iter();
             legend.for_each(|line| println!("  {}  {}", hex(line.color), line.label));
@@ -349,8 +354,8 @@ impl RenderCommand {
         Ok(())
     }
 
-    fn save(&self, shown: &Shown, frame: &RgbImage) -> anyhow::Result<()> {
-        match shown.view.radiance_of_levels() {
+    fn save(&self, renderer: &ViewRenderer, frame: &RgbImage) -> anyhow::Result<()> {
+        match renderer.view.radiance_of_levels() {
             Some(levels) if is_radiance(&self.output) => {
                 let pixels = frame.pixels();
                 let radiance: Vec<[f32; 3]> = pixels
@@ -362,7 +367,7 @@ impl RenderCommand {
         }
     }
 
-    /// Writes what was asked for beside the colours.
+    /// Writes depth and coverage, if requested.
     fn save_planes(&self, frame: &Frame) -> anyhow::Result<()> {
         let &Frame { width, height, .. } = frame;
         if let Some(path) = &self.depth {

@@ -1,9 +1,9 @@
-//! Polygons on the command line: models that are put among images,
+//! Polygon models on the command line, composed with images:
 //! `NAME@at=X,Y,Z@turn=DEG@scale=S@up=z@unit=cm`.
 
-use crate::args::{named_parts, parse_length, parse_unit, parse_up, parse_vector};
+use crate::args::{parse_length, parse_unit, parse_up, parse_vector, split_settings};
+use crate::messages::UsageError;
 use crate::progress::Bar;
-use crate::words::UsageError;
 use anyhow::Context;
 use glam::DVec3;
 use headbox_core::file_frame::{FileFrame, UpAxis};
@@ -14,13 +14,13 @@ use headbox_scene::load::LoadOptions;
 use headbox_sprite::compose::{Polygons, place};
 use std::path::Path;
 
-/// A model, and where it is put.
+/// A polygon model and its placement.
 #[derive(Debug, Default, PartialEq)]
 pub(super) struct PolygonsArg {
     name: String,
     /// Position of the model's origin, in axes and unit of the first file.
     at: DVec3,
-    /// About the up axis, degrees, from north to east.
+    /// Rotation about the up axis, degrees, from north to east.
     turn_deg: f64,
     scale: Option<f64>,
     up: Option<UpAxis>,
@@ -30,11 +30,11 @@ pub(super) struct PolygonsArg {
 const KEYS: [&str; 5] = ["at", "turn", "scale", "up", "unit"];
 
 impl PolygonsArg {
-    /// The model that a file on the command line is; `None` if it is no scene.
-    pub(super) fn of_file(file: &Path) -> anyhow::Result<Option<Self>> {
+    /// Parses a file on the command line; `None` if it is not a model.
+    pub(super) fn parse(file: &Path) -> anyhow::Result<Option<Self>> {
         let text = file.to_string_lossy();
         let (name, parts) =
-            named_parts(&text, &KEYS).map_err(|cause| UsageError(format!("{text}: {cause}")))?;
+            split_settings(&text, &KEYS).map_err(|cause| UsageError(format!("{text}: {cause}")))?;
         if let Some(unknown) = unknown_setting(name) {
             let message = format!(
                 "{text}: there is no setting {unknown}; there are {}",
@@ -76,8 +76,8 @@ impl PolygonsArg {
         Ok(())
     }
 
-    /// Opens the model and puts it into the world of a file with such axes and unit, in the light
-    /// of a cube if there is one.
+    /// Opens the model and places it in the world of a file with axes and unit `frame`, in the
+    /// light of `cube` if given.
     pub(super) fn open(
         &self,
         frame: &FileFrame,
@@ -120,7 +120,7 @@ impl PolygonsArg {
     }
 }
 
-/// The key of a setting that no model has, where there is no file of that name: `a.obj@foo=1`.
+/// Finds an unknown key after a model's name, such as `a.obj@foo=1`, unless a file has that name.
 fn unknown_setting(name: &str) -> Option<&str> {
     let (at, key) = ["obj", "gltf", "glb"].iter().find_map(|ending| {
         let (before, after) = name.split_once(&format!(".{ending}@"))?;
@@ -135,7 +135,7 @@ mod tests {
 
     #[test]
     fn models_say_where_they_stand() {
-        let of = |text: &str| PolygonsArg::of_file(Path::new(text));
+        let of = |text: &str| PolygonsArg::parse(Path::new(text));
         let expected = PolygonsArg {
             name: "a@home/chair.obj".into(),
             at: DVec3::new(1.0, 0.0, -2.5),

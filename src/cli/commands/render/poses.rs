@@ -1,8 +1,8 @@
-//! `headbox render --path`: a film, or a picture for each pose.
+//! `headbox render --path`: a film, or one picture per pose.
 
 use super::RenderCommand;
 use crate::commands::render::FIGURES;
-use crate::commands::render::shown::{Planes, Shown};
+use crate::commands::render::view_renderer::{Planes, ViewRenderer};
 use crate::output::{print_json, save_picture, write_text};
 use crate::progress::Bar;
 use anyhow::{Context, bail};
@@ -19,24 +19,24 @@ use std::path::Path;
 use std::time::Instant;
 
 impl RenderCommand {
-    /// Frames a second of a film: as asked for, else as the times of the path's poses have it.
+    /// Frame rate of a film: as requested, else by the times of the path's poses.
     pub(super) fn film_fps(&self, path: &Path, frame: &FileFrame) -> anyhow::Result<u32> {
         let poses = camera_path::read_records(path, frame, f64::from(self.fps()))?;
         let ends = poses.first().zip(poses.last());
         let seconds = ends
             .and_then(|(first, last)| Some(last.time_s? - first.time_s?))
             .filter(|seconds| *seconds > 0.0);
-        let told = seconds.map(|seconds| {
+        let from_times = seconds.map(|seconds| {
             ((poses.len() - 1) as f64 / seconds)
                 .round()
                 .clamp(1.0, 240.0) as u32
         });
-        Ok(self.fps.or(told).unwrap_or_else(|| self.fps()))
+        Ok(self.fps.or(from_times).unwrap_or_else(|| self.fps()))
     }
 
     pub(super) fn render_film(
         &self,
-        shown: &mut Shown,
+        renderer: &mut ViewRenderer,
         cameras: &[Camera],
         fps: u32,
     ) -> anyhow::Result<()> {
@@ -48,7 +48,9 @@ impl RenderCommand {
         let bar = Bar::new();
         bar.begin("frames", "frames", cameras.len() as u64);
         let mut frames = cameras.iter().map(|camera| {
-            let picture = self.picture(shown, camera).map_err(std::io::Error::other);
+            let picture = self
+                .picture(renderer, camera)
+                .map_err(std::io::Error::other);
             bar.advance(1);
             picture
         });
@@ -75,15 +77,19 @@ impl RenderCommand {
         Ok(())
     }
 
-    pub(super) fn render_path(&self, shown: &mut Shown, cameras: &[Camera]) -> anyhow::Result<()> {
+    pub(super) fn render_path(
+        &self,
+        renderer: &mut ViewRenderer,
+        cameras: &[Camera],
+    ) -> anyhow::Result<()> {
         if self.projection() != Projection::Frame {
-            return self.render_views(shown, cameras);
+            return self.render_views(renderer, cameras);
         }
         let folder = &self.output;
         let mut csv = String::from("pose,ms,depth_pixels_in,splatted,hole_pixels\n");
         let mut times = Vec::with_capacity(cameras.len());
         for (pose, camera) in cameras.iter().enumerate() {
-            let rendered = shown.render(camera, self.repeat, Planes::None)?;
+            let rendered = renderer.render(camera, self.repeat, Planes::None)?;
             save_picture(
                 &folder.join(format!("frame_{pose:04}.png")),
                 &rendered.image,
@@ -100,7 +106,7 @@ impl RenderCommand {
         let worst = times.iter().copied().fold(f64::NAN, f64::max);
         if self.json {
             print_json(&json!({
-                "ms_median": median, "ms": times, "frames": times.len(), "variant": shown.variant(),
+                "ms_median": median, "ms": times, "frames": times.len(), "variant": renderer.variant(),
                 "threads": rayon::current_num_threads(), "simd": simd::name(simd::level()),
             }));
         } else {
@@ -113,24 +119,25 @@ impl RenderCommand {
         Ok(())
     }
 
-    /// A picture for each pose of all that is about the eye, or of both eyes.
-    fn render_views(&self, shown: &mut Shown, cameras: &[Camera]) -> anyhow::Result<()> {
+    /// Renders a panorama or a stereo picture for each pose.
+    fn render_views(&self, renderer: &mut ViewRenderer, cameras: &[Camera]) -> anyhow::Result<()> {
         let started = Instant::now();
         for (pose, camera) in cameras.iter().enumerate() {
             save_picture(
                 &self.output.join(format!("frame_{pose:04}.png")),
-                &self.picture(shown, camera)?,
+                &self.picture(renderer, camera)?,
             )?;
         }
         let (frames, seconds) = (cameras.len(), started.elapsed().as_secs_f64());
-        match self.json {
-            true => print_json(
-                &json!({"frames": frames, "variant": shown.variant(), "seconds": seconds}),
-            ),
-            false => println!(
+        if self.json {
+            print_json(
+                &json!({"frames": frames, "variant": renderer.variant(), "seconds": seconds}),
+            );
+        } else {
+            println!(
                 "{}: {frames} frames in {seconds:.1} s",
                 self.output.display()
-            ),
+            );
         }
         Ok(())
     }

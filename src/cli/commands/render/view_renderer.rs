@@ -1,7 +1,7 @@
-//! A view with its settings, as `headbox render` shows it.
+//! Renderer of a view with its settings, for `headbox render`.
 
 use crate::commands::capture::place::{figure, triple};
-use crate::words::UsageError;
+use crate::messages::UsageError;
 use anyhow::anyhow;
 use headbox_core::camera::Camera;
 use headbox_core::frame::Frame;
@@ -14,16 +14,16 @@ use serde_json::{Map, Value, json};
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
-/// A view with its settings.
-pub(super) struct Shown {
+/// Renderer of a view with its settings.
+pub(super) struct ViewRenderer {
     pub(super) view: Box<dyn View>,
     settings: Vec<Setting>,
     values: Arc<SettingValues>,
-    /// Warnings that were printed.
+    /// Warnings that have been printed.
     warned: BTreeSet<String>,
 }
 
-/// Planes of a frame wanted beside its colours.
+/// Planes of a frame requested with its colours.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Planes {
     None,
@@ -35,10 +35,10 @@ pub(super) enum Planes {
 /// One rendered pose.
 pub(super) struct RenderedPose {
     pub(super) image: RgbImage,
-    /// Times of the repetitions.
+    /// Times of the repetitions, ms.
     pub(super) ms: Vec<f64>,
     pub(super) report: FrameReport,
-    /// Coverage and depth, if they were asked for.
+    /// Coverage and depth, if requested.
     pub(super) planes: Option<Frame>,
 }
 
@@ -52,10 +52,10 @@ impl RenderedPose {
         self.report.hole_pixels as f64 / pixels
     }
 
-    /// A figure of the report.
+    /// Value of a figure of the report.
     pub(super) fn figure(&self, name: &str) -> Option<f64> {
-        let found = self.report.figures.iter().find(|it| it.name == name);
-        found.map(|it| it.value)
+        let mut figures = self.report.figures.iter();
+        Some(figures.find(|figure| figure.name == name)?.value)
     }
 
     /// Times of the stages, by name.
@@ -65,8 +65,8 @@ impl RenderedPose {
         Value::Object(stages.collect())
     }
 
-    /// The legend of an overlay and its figures, for machines.
-    pub(super) fn overlay(&self, json: &mut Value) {
+    /// Adds the legend of an overlay and its figures to a JSON object.
+    pub(super) fn add_overlay(&self, json: &mut Value) {
         let legend = self.report.legend.iter();
         let legend = legend.map(|line| json!({"color": hex(line.color), "label": line.label}));
         json["legend"] = legend.collect();
@@ -76,12 +76,12 @@ impl RenderedPose {
     }
 }
 
-/// A colour as in HTML.
+/// Formats a colour as in HTML.
 pub(super) fn hex([r, g, b]: [u8; 3]) -> String {
     format!("#{r:02x}{g:02x}{b:02x}")
 }
 
-impl Shown {
+impl ViewRenderer {
     pub(super) fn new(view: Box<dyn View>, values: SettingValues) -> Self {
         Self {
             settings: view.settings(),
@@ -91,7 +91,7 @@ impl Shown {
         }
     }
 
-    /// The value of the setting with a flag, as text; "" if there is none.
+    /// Value of the setting with a flag, as text; "" if there is none.
     fn value(&self, flag: &str) -> String {
         let mut settings = self.settings.iter();
         let setting = settings.find(|setting| setting.flag == Some(flag));
@@ -109,10 +109,10 @@ impl Shown {
         self.value(OVERLAY)
     }
 
-    /// Renders a pose `repeat` times, each time until it is as good as it gets.
+    /// Renders a pose `repeat` times, each time until its refinement is done.
     ///
     /// # Errors
-    /// The view's own errors, and depth asked of a view without it.
+    /// The view's own errors, and a usage error if the view has no depth but depth is requested.
     pub(super) fn render(
         &mut self,
         camera: &Camera,
@@ -162,7 +162,7 @@ impl Shown {
         self.view.statistics(&request)
     }
 
-    /// Warns of eyes outside the headbox, from where nobody has looked.
+    /// Warns of eyes outside the headbox, whose views the capture does not cover.
     pub(super) fn warn_if_outside(&self, cameras: &[Camera]) {
         let Some(headbox) = self.view.headbox() else {
             return;
@@ -189,7 +189,7 @@ impl Shown {
         );
     }
 
-    /// The representation and its variant, in a few words.
+    /// Short description of the representation and its variant.
     pub(super) fn summary(&self) -> String {
         let (count, what) = self.view.primitives();
         format!("{} of {count} {what}, {}", self.view.kind(), self.variant())

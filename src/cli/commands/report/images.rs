@@ -1,18 +1,17 @@
-//! `headbox report` of an image set: views left out and shown from the others.
+//! `headbox report` of an image set: held-out views, rendered from the others.
 
 use crate::commands::render::geometry::GeometryArgs;
 use crate::output::{save_picture, write_text};
 use crate::progress::Bar;
 use headbox_images::ImageSet;
-use headbox_lab::images;
-use headbox_lab::images::{Geometry, SideBySide};
+use headbox_lab::images::{self, Geometry, SideBySide};
 use headbox_lab::photographs;
 use headbox_ldi::from_images::ImagesJob;
 use headbox_photos::voxel_colouring::PhotographsJob;
 use image::RgbImage;
 use std::path::Path;
 
-/// Pictures of one size, from left to right, so many in a row.
+/// Arranges pictures in rows of `across`, in cells of the largest width and height.
 pub(crate) fn sheet(pictures: &[&RgbImage], across: usize) -> RgbImage {
     let [width, height] = [RgbImage::width, RgbImage::height].map(|side| {
         pictures
@@ -38,13 +37,13 @@ pub(crate) fn sheet(pictures: &[&RgbImage], across: usize) -> RgbImage {
     sheet
 }
 
-/// Saves pictures side by side as they come; remembers what went wrong first.
-struct Sheets<'a> {
+/// Saves pictures side by side; keeps the first error.
+struct SheetWriter<'a> {
     folder: &'a Path,
     failed: Option<anyhow::Error>,
 }
 
-impl Sheets<'_> {
+impl SheetWriter<'_> {
     fn save(&mut self, name: &str, pictures: &[&RgbImage], across: usize) {
         let path = self
             .folder
@@ -56,8 +55,8 @@ impl Sheets<'_> {
     }
 }
 
-/// Measures a set, by its depth or, where it has none but what is found, by what is made of the
-/// photographs alone, and writes what was found into a folder.
+/// Measures a set by its own depth or, without any, by voxel colouring of its photographs, and
+/// writes the report into a folder.
 pub(super) fn write(
     set: &ImageSet,
     hold_out: usize,
@@ -65,7 +64,7 @@ pub(super) fn write(
     folder: &Path,
 ) -> anyhow::Result<()> {
     let bar = Bar::new();
-    let mut sheets = Sheets {
+    let mut sheets = SheetWriter {
         folder,
         failed: None,
     };
@@ -93,8 +92,8 @@ pub(super) fn write(
     } else {
         let mut save = |name: &str, pictures: &[&RgbImage]| sheets.save(name, pictures, 4);
         let job = PhotographsJob::suggest(set);
-        if let Some(why) = job.left_out(&set.views.iter().collect::<Vec<_>>()) {
-            eprintln!("warning: {why}");
+        if let Some(warning) = job.left_out(&set.views.iter().collect::<Vec<_>>()) {
+            eprintln!("warning: {warning}");
         }
         let report = photographs::measure(set, &job, hold_out, &bar, &mut save)?;
         (serde_json::to_string_pretty(&report)?, report.summary())

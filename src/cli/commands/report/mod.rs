@@ -3,14 +3,14 @@
 pub(crate) mod images;
 
 use super::images::is_image_set;
-use crate::args::{SourceArgs, named_parts, parse_length, parse_unit, parse_up, parse_vector};
+use crate::args::{SourceArgs, parse_length, parse_unit, parse_up, parse_vector, split_settings};
 use crate::commands::capture::place::place_headbox;
 use crate::commands::render::geometry::GeometryArgs;
 use crate::commands::report::images as images_report;
 use crate::image_set::SetArgs;
+use crate::messages::UsageError;
 use crate::output::{NO_INPUTS, Outputs, PAGE, write_text};
 use crate::progress::{Bar, PlannedStage};
-use crate::words::UsageError;
 use anyhow::{Context, bail};
 use clap::Args;
 use clap::builder::TypedValueParser;
@@ -42,8 +42,8 @@ pub(crate) struct ReportCommand {
     /// Scenes (.obj, .gltf, .glb, homes, builtin:NAME) to capture, or .ldi and .sprite files whose
     /// scenes are still there. What differs from scene to scene may follow its name: @center=X,Y,Z,
     /// @half=S, @up=z, @unit=cm
-    #[arg(value_name = "SCENE|FILE", required_unless_present_any = ["results", "stability"], value_parser = parse_named)]
-    subjects: Vec<Named>,
+    #[arg(value_name = "SCENE|FILE", required_unless_present_any = ["results", "stability"], value_parser = parse_subject)]
+    subjects: Vec<SubjectArg>,
     /// Folder for report.json, report.csv, summary.md and charts, headbox-report if absent; with
     /// --results and --stability the page to write, results.md and STABILITY.md if absent
     #[arg(short, long)]
@@ -99,9 +99,9 @@ pub(crate) struct ReportCommand {
     source: SourceArgs,
 }
 
-/// A scene or a file, and what is said of it alone.
+/// A scene or a file, with its own settings.
 #[derive(Clone, Default)]
-struct Named {
+struct SubjectArg {
     name: String,
     center: Option<DVec3>,
     half_size: Option<f64>,
@@ -109,7 +109,7 @@ struct Named {
     unit: Option<f64>,
 }
 
-impl Named {
+impl SubjectArg {
     fn is_placed(&self) -> bool {
         self.center.is_some()
             || self.half_size.is_some()
@@ -118,13 +118,13 @@ impl Named {
     }
 }
 
-/// `NAME`, or `NAME@KEY=VALUE@KEY=VALUE`.
-fn parse_named(text: &str) -> Result<Named, String> {
+/// Parses `NAME`, or `NAME@KEY=VALUE@KEY=VALUE`.
+fn parse_subject(text: &str) -> Result<SubjectArg, String> {
     const KEYS: [&str; 4] = ["center", "half", "up", "unit"];
-    let (name, parts) = named_parts(text, &KEYS)?;
-    let mut named = Named {
+    let (name, parts) = split_settings(text, &KEYS)?;
+    let mut named = SubjectArg {
         name: name.to_owned(),
-        ..Named::default()
+        ..SubjectArg::default()
     };
     for (key, value) in parts {
         match key {
@@ -153,15 +153,14 @@ impl ReportCommand {
         }
     }
 
-    /// The output, or what it is if the user did not say.
-    fn output_or<'a>(&'a self, otherwise: &'a str) -> &'a Path {
-        self.output.as_deref().unwrap_or(Path::new(otherwise))
+    fn output_or<'a>(&'a self, default: &'a str) -> &'a Path {
+        self.output.as_deref().unwrap_or(Path::new(default))
     }
 
     fn measure_stability(&self) -> anyhow::Result<()> {
         let output = self.output_or("STABILITY.md");
         Outputs::new(false, NO_INPUTS).file(output, &PAGE)?;
-        // Before it is written over.
+        // Read first: it may be the file that is overwritten.
         let earlier = self
             .against
             .as_ref()
@@ -190,7 +189,7 @@ impl ReportCommand {
 
     fn measure(&self) -> anyhow::Result<()> {
         for (i, subject) in self.subjects.iter().enumerate() {
-            // Rows know their scene by its name.
+            // Rows identify their scene by its name.
             if self.subjects[..i]
                 .iter()
                 .any(|other| other.name == subject.name)
@@ -223,9 +222,9 @@ impl ReportCommand {
         if self.resume {
             report.resume(read_report(&json).ok());
         }
-        let bar = Bar::planned(plan_of_a_scene(), false);
+        let bar = Bar::planned(scene_plan(), false);
         for (number, named) in self.subjects.iter().enumerate() {
-            bar.part(short(&named.name), number, self.subjects.len());
+            bar.begin_part(short(&named.name), number, self.subjects.len());
             if report.scenes.iter().any(|facts| facts.scene == named.name) {
                 continue;
             }
@@ -233,7 +232,7 @@ impl ReportCommand {
             let (facts, rows) = scene::run(&subject, &plan, Some(cache.clone()), &bar)?;
             report.scenes.push(facts);
             report.rows.extend(rows);
-            // After each scene, so that a run that is cut off can go on.
+            // Written after each scene, so that an interrupted run can be resumed.
             write_text(&json, &(serde_json::to_string_pretty(&report)? + "\n"))?;
         }
         bar.finish();
@@ -257,7 +256,7 @@ impl ReportCommand {
         Ok(())
     }
 
-    /// Leaves views of an image set out and shows them from the others.
+    /// Measures an image set by held-out views.
     fn measure_images(&self, folder: &Path) -> anyhow::Result<()> {
         let set = self.images.open_registered(folder)?;
         let output = self.output_or("headbox-report");
@@ -270,10 +269,7 @@ impl ReportCommand {
         Outputs::new(false, std::iter::once(json).chain(self.walk.as_deref()))
             .file(output, &PAGE)?;
         let report = read_report(json)?;
-        let walk: Option<WalkReport> = match &self.walk {
-            Some(path) => Some(parse_report(path)?),
-            None => None,
-        };
+        let walk: Option<WalkReport> = self.walk.as_deref().map(parse_report).transpose()?;
         write_text(output, &results::page(&report, walk.as_ref()))?;
         let folder = output.with_file_name("results");
         write_text(&folder.join("report.csv"), &report.to_csv())?;
@@ -283,8 +279,8 @@ impl ReportCommand {
         save_charts(&report, &folder)
     }
 
-    /// A scene or a file, ready to be measured, and the plan for it.
-    fn open(&self, named: &Named, outputs: &Outputs) -> anyhow::Result<(Subject, Plan)> {
+    /// Opens a scene or a file for measurement, with its plan.
+    fn open(&self, named: &SubjectArg, outputs: &Outputs) -> anyhow::Result<(Subject, Plan)> {
         let name = named.name.as_str();
         let path = Path::new(name);
         let kind = if path.is_file() {
@@ -313,8 +309,7 @@ impl ReportCommand {
                 .lit_by(read.info.light.clone());
             sprites = Some(read);
             source
-        } else if let Some(representation) = headbox_views::of_file(path).filter(|_| path.is_file())
-        {
+        } else if let Some(representation) = headbox_views::find(path).filter(|_| path.is_file()) {
             let opened = (representation.open)(path)?;
             let no_origin = || {
                 format!(
@@ -330,15 +325,15 @@ impl ReportCommand {
         } else {
             self.source.with(named.up, named.unit).source(name)
         };
-        let is_file_of_ours = kind.is_some() || view.is_some();
-        let scene = match is_file_of_ours {
-            true => source
+        let scene = if kind.is_some() || view.is_some() {
+            source
                 .open()
-                .with_context(|| format!("the scene of {name} is needed for truth"))?,
-            false => source.open()?,
+                .with_context(|| format!("the scene of {name} is needed for truth"))?
+        } else {
+            source.open()?
         };
         let scene = Arc::new(scene);
-        outputs.scene_is_open(&scene)?;
+        outputs.add_scene(&scene)?;
         let Headbox {
             mut centre,
             mut half_size_m,
@@ -385,9 +380,9 @@ impl ReportCommand {
     }
 }
 
-/// The stages of a scene's measurement, with shares of its time as they are in the middle: captures
-/// that differ in one thing each, frames in turns, and truth for each eye, for some more than once.
-fn plan_of_a_scene() -> Vec<PlannedStage> {
+/// Stages of a scene's measurement, with typical shares of the time: captures that vary one
+/// parameter each, frames, and truth for each eye, repeated for some.
+fn scene_plan() -> Vec<PlannedStage> {
     vec![
         PlannedStage {
             stages: &[
@@ -448,7 +443,8 @@ mod tests {
 
     #[test]
     fn scenes_may_be_placed_by_their_names() {
-        let named = parse_named("a@home/house.obj@up=z@center=0,-1,1.5@half=0.4@unit=cm").unwrap();
+        let named =
+            parse_subject("a@home/house.obj@up=z@center=0,-1,1.5@half=0.4@unit=cm").unwrap();
         assert_eq!(
             (named.name.as_str(), named.center),
             ("a@home/house.obj", Some(DVec3::new(0.0, -1.0, 1.5)))
@@ -458,7 +454,7 @@ mod tests {
             (named.up, named.unit),
             (Some(UpAxis::Z), Some(0.01))
         ));
-        let plain = parse_named("a@home/house.obj").unwrap();
+        let plain = parse_subject("a@home/house.obj").unwrap();
         assert!(plain.name == "a@home/house.obj" && !plain.is_placed());
         for wrong in [
             "a.obj@center=1,2",
@@ -467,7 +463,7 @@ mod tests {
             "a.obj@up=x",
             "a.obj@unit=m@z",
         ] {
-            assert!(parse_named(wrong).is_err(), "{wrong}");
+            assert!(parse_subject(wrong).is_err(), "{wrong}");
         }
     }
 }

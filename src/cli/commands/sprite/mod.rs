@@ -4,11 +4,13 @@ mod sequence;
 
 use super::images::is_image_set;
 use super::info::sprite_json;
-use crate::args::{CameraArgs, DefaultCamera, Names, SourceArgs, by_name, parse_length};
+use crate::args::{
+    CameraArgs, DefaultCamera, Names, SourceArgs, by_name, parse_length, refuse_given,
+};
 use crate::commands::sprite::sequence::SequenceArgs;
+use crate::messages::UsageError;
 use crate::output::{Outputs, SPRITES, peak_rss_mb, print_json, write_text};
 use crate::progress::Bar;
-use crate::words::UsageError;
 use anyhow::{Context, bail};
 use clap::Args;
 use glam::DVec3;
@@ -198,9 +200,9 @@ impl SpriteCommand {
 
     fn sprites(&self, outputs: &Outputs) -> anyhow::Result<SpriteSet> {
         if let Some(folder) = self.scene.as_ref().filter(|scene| is_image_set(scene)) {
-            return self.of_sequence(folder);
+            return self.sequence_sprites(folder);
         }
-        self.sequence.only_for_sets()?;
+        self.sequence.refuse_without_set()?;
         match (&self.scene, &self.import.color) {
             (_, Some(color)) => self.import(color),
             (Some(file), None)
@@ -226,7 +228,7 @@ impl SpriteCommand {
 
     fn capture(&self, source: &SceneSource, outputs: &Outputs) -> anyhow::Result<SpriteSet> {
         let scene = Arc::new(source.open()?);
-        outputs.scene_is_open(&scene)?;
+        outputs.add_scene(&scene)?;
         let (camera, tracer) = self.camera.aim(&scene)?;
         let lighting = Lighting::prepare(&tracer, self.quality.bounces, !self.quality.unlit);
         let bar = Bar::new();
@@ -246,7 +248,7 @@ impl SpriteCommand {
                 source.name
             );
         }
-        let mut set = self.set(sprites)?;
+        let mut set = self.reduce_displacement(sprites)?;
         set.info = SpriteInfo {
             source: source.name.clone(),
             frame: scene.frame,
@@ -296,7 +298,7 @@ impl SpriteCommand {
                 &frame,
                 &DefaultCamera {
                     size,
-                    ..DefaultCamera::at(DVec3::ZERO)
+                    ..DefaultCamera::from_eye(DVec3::ZERO)
                 },
             )?,
             color,
@@ -309,7 +311,7 @@ impl SpriteCommand {
         let sprite = import
             .build()
             .with_context(|| format!("{} and {}", color_path.display(), depth_path.display()))?;
-        let mut set = self.set(vec![sprite])?;
+        let mut set = self.reduce_displacement(vec![sprite])?;
         set.info = SpriteInfo {
             source: color_path.display().to_string(),
             frame,
@@ -318,8 +320,11 @@ impl SpriteCommand {
         Ok(set)
     }
 
-    /// Sprites at the wanted resolution of displacement.
-    pub(super) fn set(&self, sprites: Vec<SpriteWithDepth>) -> anyhow::Result<SpriteSet> {
+    /// Reduces the resolution of displacements by `--displacement-divisor`.
+    pub(super) fn reduce_displacement(
+        &self,
+        sprites: Vec<SpriteWithDepth>,
+    ) -> anyhow::Result<SpriteSet> {
         if self.displacement_divisor == 1 {
             return Ok(SpriteSet::new(sprites));
         }
@@ -332,36 +337,24 @@ impl SpriteCommand {
         ))
     }
 
-    /// Sprites of the layers of a folder of images.
-    fn of_sequence(&self, name: &str) -> anyhow::Result<SpriteSet> {
-        self.refuse_flags_of_scenes()?;
+    /// Makes sprites of the layers of a folder of images.
+    fn sequence_sprites(&self, name: &str) -> anyhow::Result<SpriteSet> {
+        // Images have their own cameras and light.
+        let flags = self.source.given_flags().into_iter();
+        let flags = flags.chain(self.camera.given_flags());
+        refuse_given("images", flags.chain([("--unlit", self.quality.unlit)]))?;
         let (layers, frame) = self.sequence.layers(name, self.range.as_deref())?;
         if !self.json {
             eprintln!("{} with {}", layers.used[0], layers.used[1..].join(", "));
         }
-        let mut sprites = self.set(sprites_of_layers(&layers, self.displacement)?)?;
+        let mut sprites =
+            self.reduce_displacement(sprites_of_layers(&layers, self.displacement)?)?;
         sprites.info = SpriteInfo {
             source: name.into(),
             frame,
             ..SpriteInfo::default()
         };
         Ok(sprites)
-    }
-
-    /// Photographs were taken from where they were, in the light that there was.
-    fn refuse_flags_of_scenes(&self) -> Result<(), UsageError> {
-        let flags = self
-            .source
-            .given()
-            .into_iter()
-            .chain(self.camera.given())
-            .chain([("--unlit", self.quality.unlit)]);
-        match flags.into_iter().find(|(_, is_given)| *is_given) {
-            Some((flag, _)) => Err(UsageError(format!(
-                "{flag} has no meaning for images; leave it out"
-            ))),
-            None => Ok(()),
-        }
     }
 }
 
@@ -371,9 +364,9 @@ impl ImportArgs {
         let is_exr = path
             .extension()
             .is_some_and(|extension| extension.eq_ignore_ascii_case("exr"));
-        let usual = match kind {
+        let default = match kind {
             _ if is_exr => 1.0,
-            // Whatever number of bits it has, all of them are 1.
+            // The maximum of an integer depth is 1, for any number of bits.
             DepthKind::WindowDepth | DepthKind::ReversedWindowDepth => {
                 match image_file::bits_per_channel(path) {
                     Ok(8) => 1.0 / 255.0,
@@ -382,7 +375,7 @@ impl ImportArgs {
             }
             DepthKind::EyeDepth | DepthKind::RayDistance => 1e-3,
         };
-        self.depth_unit.unwrap_or(usual) as f32
+        self.depth_unit.unwrap_or(default) as f32
     }
 
     fn window_range(&self, kind: DepthKind) -> anyhow::Result<(f64, f64)> {
@@ -396,7 +389,7 @@ impl ImportArgs {
     }
 }
 
-/// Writes `range.csv` and `range.svg`, and prints what they say.
+/// Writes `range.csv` and `range.svg`, and prints a summary.
 fn write_range(folder: &Path, name: &str, range: &SpriteRange) -> anyhow::Result<()> {
     write_text(&folder.join("range.csv"), &range.to_csv())?;
     write_text(&folder.join("range.svg"), &range.chart(name).to_svg())?;

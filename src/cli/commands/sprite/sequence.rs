@@ -1,9 +1,9 @@
 //! `headbox sprite FOLDER`: sprites of a sequence of photographs.
 
 use crate::image_set::SetArgs;
+use crate::messages::UsageError;
 use crate::output::{save_picture, write_text};
 use crate::progress::Bar;
-use crate::words::UsageError;
 use anyhow::{Context, bail};
 use clap::Args;
 use headbox_core::file_frame::FileFrame;
@@ -40,9 +40,9 @@ pub(crate) struct SequenceArgs {
 }
 
 impl SequenceArgs {
-    /// Refuses what is said of a sequence where there is none.
-    pub(super) fn only_for_sets(&self) -> Result<(), UsageError> {
-        self.set.only_for_sets(false)?;
+    /// Refuses the flags of image sets for other input.
+    pub(super) fn refuse_without_set(&self) -> Result<(), UsageError> {
+        self.set.refuse_without_set(false)?;
         let given = [
             ("--view", self.view.is_some()),
             ("--layers", self.layers.is_some()),
@@ -58,8 +58,8 @@ impl SequenceArgs {
         }
     }
 
-    /// The layers of a folder of images, and its axes and unit; judged by photographs left out if a
-    /// folder for that is given.
+    /// Segments a folder of images into layers; returns its axes and unit, too. Measures the layers
+    /// by held-out photographs if `range` is given, and writes the report into that folder.
     pub(super) fn layers(
         &self,
         name: &str,
@@ -69,7 +69,7 @@ impl SequenceArgs {
         let job = self.job(&set)?;
         let bar = Bar::new();
         let (report, layers) = match range {
-            Some(folder) => judged(&set, &job, &bar, folder)?,
+            Some(folder) => measure(&set, &job, &bar, folder)?,
             None => (String::new(), job.segment(&load(&set, &job, &bar)?)?),
         };
         bar.finish();
@@ -92,14 +92,14 @@ impl SequenceArgs {
             );
         }
         if let Some(folder) = &self.masks {
-            job.masks = masks(folder)?;
+            job.masks = read_masks(folder)?;
         }
         Ok(job)
     }
 }
 
-/// The PNG files of a folder in the order of their names.
-fn masks(folder: &Path) -> anyhow::Result<Vec<Mask>> {
+/// Reads the PNG files of a folder, ordered by name.
+fn read_masks(folder: &Path) -> anyhow::Result<Vec<Mask>> {
     let entries = std::fs::read_dir(folder)
         .with_context(|| format!("{} cannot be read", folder.display()))?;
     let mut paths: Vec<PathBuf> = entries
@@ -140,8 +140,9 @@ fn load(set: &ImageSet, job: &LayerJob, bar: &Bar) -> anyhow::Result<Frames> {
     Ok(job.load(set, &|| bar.advance(1))?)
 }
 
-/// Layers without the frames that they are judged by, and what these say.
-fn judged(
+/// Segments layers without the held-out frames and measures them by these; returns the summary,
+/// too.
+fn measure(
     set: &ImageSet,
     job: &LayerJob,
     bar: &Bar,
