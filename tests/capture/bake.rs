@@ -1,5 +1,5 @@
-//! Light in vertices: triangles are cut without cracks, and colours are what the light estimator
-//! says.
+//! Light in vertices: triangles are subdivided without cracks, and colours equal the light
+//! estimator's.
 
 use glam::{DVec2, DVec3, Vec2, Vec3, dvec3};
 use headbox_core::headbox::Headbox;
@@ -14,8 +14,7 @@ use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// A grid of vertices shared by triangles of very different sizes, so that long and short edges
-/// meet.
+/// A grid of vertices of triangles of very different sizes, so that long and short edges meet.
 fn uneven_grid() -> Scene {
     let lines = [0.0, 0.03, 0.1, 0.5, 2.0];
     let mut scene = Scene {
@@ -73,7 +72,7 @@ fn no_edge_stays_long_and_no_crack_opens() {
     assert_eq!(scene.validate(), Ok(()));
     let bits = |v: u32| scene.positions[v as usize].to_array().map(f64::to_bits);
     let edges = |t: &Triangle| [0, 1, 2].map(|i| [t.vertices[i], t.vertices[(i + 1) % 3]]);
-    // By position, as a crease gives a vertex to each of its sides.
+    // Compared by position, since a crease has a vertex for each side.
     let all: HashSet<[[u64; 3]; 2]> = scene
         .triangles
         .iter()
@@ -147,9 +146,9 @@ fn triangle_limit_lengthens_edges() {
     }
 }
 
-/// A floor under a sky of one colour: every sample sees the same, so the light is exact.
+/// A floor under a sky of one colour: all samples are equal, so the light is exact.
 #[test]
-fn under_an_even_sky_light_is_the_skys() {
+fn uniform_sky_lights_floor_exactly() {
     let grey = [0.5, 0.25, 0.125];
     let mut source = uneven_grid();
     source.positions.iter_mut().for_each(|p| p.y = 0.0);
@@ -235,7 +234,7 @@ fn floor_and_post(flipped: bool) -> Scene {
 /// Baked colours against the estimator at the same points with many more samples: the mean over the
 /// floor.
 #[test]
-fn colours_are_what_the_estimator_says() {
+fn baked_colours_equal_estimator() {
     for flipped in [false, true] {
         let source = Arc::new(floor_and_post(flipped));
         let options = BakeOptions {
@@ -276,8 +275,8 @@ fn colours_are_what_the_estimator_says() {
             }
             got += scene.colors[vertex as usize];
         }
-        // Light is spread half way to the neighbours and the post's foot moves it a little: 3 %;
-        // the exposures differ by the origin of their pilots' rounding only.
+        // Light is averaged half way to the neighbours and the foot of the post shifts it slightly:
+        // 3 %; the exposures differ only by the rounding of their pilots' origins.
         let error = ((got - expected) / expected).abs().max_element();
         assert!(error < 0.03, "flipped {flipped}: {got} {expected}");
         assert!((exposure / lighting.exposure - 1.0).abs() < 0.01);
@@ -291,8 +290,7 @@ fn colours_are_what_the_estimator_says() {
     }
 }
 
-/// A closed white room with a lamp under its ceiling: much of what lights it has been reflected
-/// once.
+/// A closed white room with a lamp under its ceiling: much of its light is reflected once.
 fn room_with_a_lamp() -> Scene {
     let lamp = Material {
         emission: [4.0; 3],
@@ -323,7 +321,7 @@ fn room_with_a_lamp() -> Scene {
             axis.any_orthonormal_vector(),
             axis.cross(axis.any_orthonormal_vector()),
         );
-        // The fronts face inward.
+        // Front sides face inward.
         quad(-2.0 * axis, 2.0 * across, 2.0 * along, 0);
         quad(2.0 * axis, 2.0 * along, 2.0 * across, 0);
     }
@@ -338,15 +336,16 @@ fn room_with_a_lamp() -> Scene {
     }
 }
 
-/// Reflected light equals the estimator's, though paths share it: without it, or from another
-/// surface, the floor or the ceiling would be a fifth off.
+/// Reflected light equals the estimator's, although paths share it. Without it, or with that of
+/// another surface, the floor or the ceiling would be off by a fifth.
 #[test]
-fn reflected_light_is_what_the_estimator_says() {
-    /// Light of a cell stands for all of it, and 64 samples a vertex are taken over a surface of 16
-    /// m2.
+fn reflected_light_equals_estimator() {
+    /// Relative tolerance: the light of a cell represents all of it, with 64 samples per vertex on
+    /// a surface of 16 m2.
     const TOLERANCE: f32 = 0.03;
     let source = Arc::new(room_with_a_lamp());
-    // Not averaged with neighbours: that carries light from above the lamp to the ceiling's rim.
+    // Not averaged with neighbours, which would carry light from above the lamp to the ceiling's
+    // rim.
     let options = BakeOptions {
         edge_m: 0.4,
         smoothing: 0,
@@ -384,8 +383,7 @@ fn reflected_light_is_what_the_estimator_says() {
     }
 }
 
-/// At the edge of a shadow all samples look for the sun, elsewhere twelve: there light is full, or
-/// none, anyway.
+/// At the edge of a shadow all samples test the visibility of the sun, elsewhere twelve.
 #[test]
 fn edges_of_shadows_take_all_samples() {
     let mut source = floor_and_post(false);
@@ -468,8 +466,8 @@ fn cells_keep_their_surfaces() {
 
 #[test]
 fn jamb_in_wall_is_lit_outside_it() {
-    // A room of 2 m; its wall at z = 0 reaches to z = 0.1 behind it; a jamb's side, at x = 1,
-    // stands 1 cm out of the wall.
+    // A room of 2 m; its wall at z = 0 extends to z = 0.1 behind it; the side of a jamb, at x = 1,
+    // protrudes 1 cm from the wall.
     let mut scene = Scene {
         materials: vec![Material::default()],
         ..Scene::default()
@@ -519,7 +517,7 @@ fn jamb_in_wall_is_lit_outside_it() {
         centre: dvec3(0.0, 1.0, -1.0),
         half_size_m: 0.4,
     });
-    // The room goes on in the doorway, in which the jamb stands.
+    // The room extends into the doorway with the jamb.
     let prism = |[x0, x1]: [f64; 2], [z0, z1]: [f64; 2]| {
         let outline = [[x0, z0], [x1, z0], [x1, z1], [x0, z1]]
             .map(|[x, z]| DVec2::new(x, z))

@@ -3,7 +3,7 @@
 use crate::folder::Folder;
 use headbox_scene::scene::Scene;
 
-/// A binary buffer under construction, with its views and accessors.
+/// Builder of a binary buffer with its views and accessors.
 #[derive(Default)]
 pub(crate) struct Asset {
     pub(crate) bytes: Vec<u8>,
@@ -58,7 +58,8 @@ impl Asset {
         self.accessor(&bytes, 5123, "SCALAR", values.len(), "")
     }
 
-    /// Returns the JSON; `buffer` refers to the bytes, `rest` has nodes, meshes, materials and so on.
+    /// Returns the JSON; `buffer` refers to the bytes, `rest` has nodes, meshes, materials and so
+    /// on.
     pub(crate) fn json(&self, buffer: &str, rest: &str) -> String {
         format!(
             r#"{{"asset":{{"version":"2.0"}},"buffers":[{{"byteLength":{}{buffer}}}],"bufferViews":[{}],"accessors":[{}],{rest}}}"#,

@@ -18,7 +18,7 @@ fn plan(attributes: &str, content: &str) -> LoadedModel {
     )
 }
 
-/// A room of 4 m by 3 m; `attributes` are its own, and of its level.
+/// A room of 4 m by 3 m with `attributes`.
 fn room(attributes: &str) -> String {
     let corners = [[5, 5], [395, 5], [395, 295], [5, 295]];
     let points = corners
@@ -27,7 +27,7 @@ fn room(attributes: &str) -> String {
     format!("<room {attributes}>{points}</room>")
 }
 
-/// The four walls about it, 10 cm thick; `attributes` are those of all.
+/// The four walls of the room, 10 cm thick, each with `attributes`.
 fn walls(attributes: &str) -> String {
     let ends = [
         [0, 0, 400, 0],
@@ -58,8 +58,8 @@ fn distance(model: &PortalModel, from: [f64; 3], direction: [f32; 3]) -> Option<
     tracer.closest(&ray).map(|hit| hit.t)
 }
 
-/// Walls above a room's ceiling do not belong to the room. Assigned as a whole, by their middles,
-/// triangles left holes in rooms.
+/// Walls above a room's ceiling do not belong to the room: assigning whole triangles by their
+/// centres left holes in rooms.
 #[test]
 fn walls_are_cut_at_ceilings() {
     let levels =
@@ -94,7 +94,7 @@ fn walls_are_cut_at_ceilings() {
 
 #[test]
 fn topmost_ceilings_hang_from_walls() {
-    // Higher than the storey; counters and parapets do not count.
+    // Higher than the storey; counters and parapets are ignored.
     let counter =
         "<wall id='c' xStart='200' yStart='5' xEnd='200' yEnd='200' height='100' thickness='10'/>";
     let parapet = walls("height='300'")
@@ -157,7 +157,7 @@ fn missing_ceilings_are_restored() {
         notes.contains("Room 1 has no ceiling and is part of the outside"),
         "{notes}"
     );
-    // It is added to an export, which has none either.
+    // It is also added to an export without a ceiling.
     let rooms = crate::homes::ROOMS.replace("<room", "<room ceilingVisible='false'");
     let folder = home(&rooms, "");
     fs::write(
@@ -187,7 +187,8 @@ fn missing_ceilings_are_restored() {
     }
 }
 
-/// Half a circle of 2 m about (2 m, 0), to the left of the way from start to end and to its right.
+/// A semicircle of radius 2 m about (2 m, 0), to the left and to the right of the line from start
+/// to end.
 #[test]
 fn arc_walls_are_curved() {
     for (extent, side) in [(std::f64::consts::PI, -1.0), (-std::f64::consts::PI, 1.0)] {
@@ -305,8 +306,8 @@ fn pictures_and_materials_in_an_archive_are_used() {
         };
         (0..scene.triangles.len() as u32).filter(is_it)
     };
-    // Floor and rug, seen from above: a picture of 80 by 40 cm, moved by half; one of 90 by 60 cm
-    // about the rug's middle.
+    // Floor and rug, seen from above: a texture of 80 by 40 cm, offset by half; one of 90 by 60 cm
+    // about the rug's centre.
     for triangle in faces(index_of([10, 20, 30])) {
         for vertex in scene.triangles[triangle as usize].vertices {
             let (p, t) = (

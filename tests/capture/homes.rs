@@ -27,7 +27,7 @@ pub(crate) fn error_of(folder: &TempDir, name: &str) -> String {
     }
 }
 
-/// An OBJ under construction: quadrilaterals in groups.
+/// Builder of an OBJ of quadrilaterals in groups.
 #[derive(Default)]
 pub(crate) struct Obj {
     pub(crate) text: String,

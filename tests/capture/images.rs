@@ -585,7 +585,7 @@ fn manifest_selects_channels() {
     image::RgbaImage::from_fn(SIZE[0], SIZE[1], pixel)
         .save(folder.path().join("c0.png"))
         .expect("written");
-    // The largest fraction of 1 in one corner.
+    // The largest value below 1 in one corner.
     let step = |x, y| {
         if [x, y] == [0, 0] {
             u16::MAX

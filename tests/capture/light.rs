@@ -1,5 +1,4 @@
-//! Light that people bring: pictures of the sky, and the lamps of glTF files; held against closed
-//! forms.
+//! User-specified light: sky images, and the lamps of glTF files; compared with closed forms.
 
 use crate::folder::Folder;
 use glam::{DVec3, Vec3, dvec3};
@@ -15,7 +14,7 @@ use std::sync::Arc;
 
 const SAMPLES: u32 = 4096;
 
-/// A floor about the origin, its upper side up, of albedo 1, under nothing.
+/// A floor of albedo 1 about the origin, facing up, without light.
 fn floor() -> Scene {
     let corner = |x: f64, z: f64| dvec3(x * 100.0, 0.0, z * 100.0);
     let triangle = |vertices| Triangle {
@@ -38,8 +37,7 @@ fn floor() -> Scene {
     }
 }
 
-/// Mean and standard error (of the mean, as if samples were independent) of the light on the floor,
-/// seen from above.
+/// Mean of the light on the floor, seen from above, and its standard error for independent samples.
 fn light_on(scene: Scene, at: Vec3) -> (Vec3, f32) {
     let tracer = Tracer::new(Arc::new(scene), DVec3::ZERO);
     let lighting = Lighting::of_scene(&tracer, 1);
@@ -89,8 +87,8 @@ fn from_texel(width: u32, y: u32) -> f64 {
 fn white_furnace_floor_equals_sky() {
     for width in [2, 6, 64] {
         let (light, error) = light_on(under(picture(width, |_, _| [2.0, 1.0, 0.5])), Vec3::ZERO);
-        // Directions that the sky suggests lie below the floor half of the time: a sample varies by
-        // less than its mean.
+        // Half of the directions sampled by the sky lie below the floor: a sample varies by less
+        // than its mean.
         let tolerance = 4.0 / (SAMPLES as f32).sqrt();
         assert!(
             (light - Vec3::new(2.0, 1.0, 0.5)).abs().max_element() < tolerance,
@@ -128,8 +126,7 @@ fn bright_texel_lights_by_solid_angle() {
             off < 4.0 * f64::from(error) + 1e-4 * expected,
             "row {y}: {light} for {expected}, +- {error}"
         );
-        // Cosine-weighted rays alone would meet it once in 100,000: half of its light, and no more
-        // noise than that.
+        // Cosine-weighted rays alone would hit it once in 100,000. Tolerance: half of its light.
         assert!(
             f64::from(error) < 0.02 * expected,
             "row {y}: +- {error} of {expected}"
@@ -159,7 +156,7 @@ fn sky_image_lights_from_its_direction() {
         assert!(level.dot(toward) > 0.99, "{turn}: {direction}");
         assert_eq!(sky.radiance(direction), [100.0; 3]);
         assert_eq!(sky.radiance(-direction), [0.0; 3]);
-        // An eye sees it there too, and half of it half way to the next texel.
+        // A camera sees it in the same direction, and half of it half way to the next texel.
         let [seen, ..] = sky.seen(direction);
         assert!(seen > 20.0, "{seen}");
     }
@@ -170,7 +167,7 @@ fn sky_image_lights_from_its_direction() {
 }
 
 #[test]
-fn draws_are_as_dense_as_they_say() {
+fn sky_draw_density_matches_pdf() {
     let sky = picture(32, |x, y| {
         [((x * 7 + y * 3) % 11) as f32, 1.0, (y % 4) as f32]
     });
@@ -186,8 +183,7 @@ fn draws_are_as_dense_as_they_say() {
         sum += 1.0 / f64::from(sky.density(radiance));
     }
     let sphere = sum / f64::from(SAMPLES);
-    // Densities differ by a factor of ten at most; 4096 draws, evenly spread in one of two
-    // dimensions.
+    // Densities differ by at most a factor of ten; 4096 draws, stratified in one of two dimensions.
     assert!((sphere / (2.0 * TAU) - 1.0).abs() < 0.03, "{sphere}");
 }
 
@@ -238,7 +234,7 @@ fn sun_in_sky_image_lights_as_sun() {
         after.1,
         before.1
     );
-    // A wide bright window is no sun.
+    // A wide bright window is not a sun.
     let (_, none) = picture(256, |x, y| {
         if x < 64 && y < 40 {
             [50.0; 3]
@@ -361,8 +357,8 @@ fn lamps_light_by_the_formula() {
         );
         f64::from(light.x)
     };
-    // Rays start 0.4 mm above a floor of 100 m, of the 2 m to the lamp, which the ramp of a cone
-    // multiplies by ten.
+    // Rays start 0.4 mm above a floor of 100 m, relative to the 2 m to the lamp; the ramp of a cone
+    // multiplies the error by ten.
     let close = |found: f64, expected: f64| {
         assert!(
             (found - expected).abs() < 2e-3 * expected,
@@ -392,8 +388,8 @@ fn lamps_light_by_the_formula() {
     );
     let direction = offset.normalize().as_vec3();
     close(lit(Reach::Distant { direction }), 10.0 * cos / PI);
-    // The axis points straight down; the point lies 22 degrees off it, half way between cosines in
-    // the ramp.
+    // The axis points straight down; the point is 22 degrees off it, half way between the cosines
+    // of the ramp.
     let [inner, outer] = [(cos + 0.05) as f32, (cos - 0.05) as f32];
     let spot = |cosines| Reach::Spot {
         position,
@@ -417,9 +413,8 @@ fn lamps_light_by_the_formula() {
 }
 
 #[test]
-fn many_lamps_bounce_as_much_as_they_shine() {
-    // The floor lit by two lamps; a point that faces down, 1 m above it, sees nothing but the lit
-    // floor.
+fn many_lamps_bounce_light_of_all() {
+    // The floor is lit by two lamps; a point 1 m above it that faces down sees only the lit floor.
     let lamp = |x: f64, power: f32| Lamp {
         intensity: [power; 3],
         reach: Reach::Point {
@@ -451,8 +446,8 @@ fn many_lamps_bounce_as_much_as_they_shine() {
         bounced(vec![lamp(-2.0, 3.0)]),
     );
     let both = bounced(vec![lamp(1.0, 8.0), lamp(-2.0, 3.0)]);
-    // One lamp is drawn by what it brings there, so that what both bring is what either draw finds:
-    // no noise from the draw.
+    // A lamp is drawn with probability proportional to its contribution, so either draw gives the
+    // sum of both without noise.
     assert!(
         (both - one - other).abs() < 1e-3 * both,
         "{both} for {one} + {other}"
@@ -496,7 +491,7 @@ fn gltf_lamps_replace_default_sun() {
             range_m: 4.0
         }
     );
-    // Turned by -90 degrees about X: -Z points down, and what lies at +Z hangs above.
+    // Rotated by -90 degrees about X: -Z points down, and objects at +Z hang above.
     let Reach::Spot {
         position,
         range_m,
@@ -533,7 +528,7 @@ fn gltf_lamps_replace_default_sun() {
 }
 
 #[test]
-fn exposure_is_metered_or_as_asked() {
+fn exposure_is_metered_or_as_specified() {
     let exposed = |factor: f32, exposure: Exposure| {
         let (sun, sky) = (Sun::default(), Sky::default());
         let sun = Sun {
@@ -551,8 +546,7 @@ fn exposure_is_metered_or_as_asked() {
     let usual = exposed(1.0, Exposure::default());
     assert_eq!(exposed(1.0, Exposure::Auto(-2.0)), usual / 4.0);
     assert_eq!(exposed(1.0, Exposure::Stops(3.0)), 8.0);
-    // In lux, by whatever factor: the same picture. Light that bounces is not cut off as too
-    // bright.
+    // The same image for any factor between lux and radiance units: bounced light is not clamped.
     for factor in [1e-4, 3e4] {
         let off = exposed(factor, Exposure::default()) * factor / usual;
         assert!((off - 1.0).abs() < 0.01, "{factor}: {off}");

@@ -71,7 +71,7 @@ fn apartment_has_its_rooms_and_doors() {
         ],
         [4, 0]
     );
-    // Every cell has its own floor and ceiling at least, and furniture.
+    // Every cell has at least its own floor, ceiling and furniture.
     assert!(model.cells.iter().all(|cell| cell.triangles.len() > 1000));
 
     let tracer = Tracer::new(
@@ -99,7 +99,7 @@ fn apartment_has_its_rooms_and_doors() {
     );
     let of_built = Tracer::new(Arc::new(built.scene.clone()), tracer.origin());
     assert_eq!(built.leaks(&of_built, 500, 1), []);
-    // Views from the middle of every room, with the export and without.
+    // Rays from the centre of every room, with the export and without.
     let (mut same, mut all) = (0, 0);
     for cell in model.cells.iter().filter(|cell| !cell.space.is_empty()) {
         let outline = &cell.space[0].outline;

@@ -66,7 +66,7 @@ fn node_transforms_composed_in_f64() {
         scene.positions[1]
     );
     assert_eq!(scene.triangles.len(), 4);
-    // The second one is mirrored; its front must still be where its normals point.
+    // The second one is mirrored; its front must still be on the side of its normals.
     for triangle in 0..4 {
         let surface = scene.surface(triangle, 0.3, 0.3);
         let vertex = scene.triangles[triangle as usize].vertices[0];
@@ -216,8 +216,8 @@ fn texture_transforms_scale_turn_and_move() {
     let material = r#"{"pbrMetallicRoughness":{"baseColorTexture":{"index":0,"extensions":
         {"KHR_texture_transform":{"offset":[0.25,0.5],"scale":[2,4],"rotation":1.5707963267948966}}}}}"#;
     let scene = with_material(material, TEXTURE, &[("my wood.png", &[RED])]);
-    // Corner 2 has (1, 0) in the file: scaled (2, 0); rotated counter-clockwise by 90 degrees with v
-    // downward (0, -2); offset (0.25, -1.5); with v upward (0.25, 2.5).
+    // Corner 2 has (1, 0) in the file: scaled (2, 0); rotated counter-clockwise by 90 degrees with
+    // v downward (0, -2); offset (0.25, -1.5); with v upward (0.25, 2.5).
     let corner = scene
         .positions
         .iter()

@@ -39,8 +39,8 @@ fn home_becomes_cells_and_portals() {
         "{findings:?}"
     );
     // Floor, ceiling, two walls, a wall in three pieces, two reveals, lintel and threshold: 22
-    // triangles; the two long walls face both rooms, and are cut: three triangles of each end in
-    // each room. The table is the right one's.
+    // triangles; the two long walls face both rooms and are cut: three triangles of each go to each
+    // room. The table belongs to the right room.
     assert_eq!(
         model.scene.triangles.len() as u32,
         model.cells.last().expect("cells").triangles.end
@@ -62,8 +62,8 @@ fn home_becomes_cells_and_portals() {
     assert_eq!(model.leaks(&tracer, 1000, 1), []);
 }
 
-/// The walls along both rooms are cut at the wall between them: all that faces a room belongs to
-/// it, and nothing is lost.
+/// The walls along both rooms are cut at the wall between them: each part belongs to the room that
+/// it faces, and no part is lost.
 #[test]
 fn walls_along_several_rooms_are_cut() {
     let folder = home(ROOMS, DOOR);
@@ -215,7 +215,8 @@ fn archive_without_export_is_built() {
     let near = |found: Option<f32>, expected: f32| {
         found.is_some_and(|found| (found - expected).abs() < 1e-4)
     };
-    // Through the door from wall to wall, beside it to the wall between, and above it.
+    // Through the door to the opposite wall, beside the door to the wall between, and above the
+    // door.
     assert!(near(distance([2.0, 1.0, 1.5], [1.0, 0.0, 0.0]), 5.95));
     assert!(near(distance([2.0, 1.0, 0.8], [1.0, 0.0, 0.0]), 1.95));
     assert!(near(distance([2.0, 2.2, 1.5], [1.0, 0.0, 0.0]), 1.95));
@@ -322,8 +323,8 @@ fn non_home_is_refused() {
     assert!(error_of(&two, "none.xml").contains("No such file"));
 }
 
-/// A home is captured and traced as any scene, without the leaves of its doors; files keep the
-/// frame in which it is opened again.
+/// A home is captured and traced like any scene, without the leaves of its doors; files store the
+/// frame for reopening it.
 #[test]
 fn home_is_scene() {
     let folder = home(ROOMS, DOOR);

@@ -69,7 +69,7 @@ fn toml_model_refers_to_groups() {
         Some(0),
         "Z up: y of the file is -z of the world"
     );
-    // It has a floor and a single wall.
+    // The room has a floor and a single wall.
     assert!(
         findings.iter().all(|f| matches!(f, Finding::NoWall { .. })),
         "{findings:?}"

@@ -1,4 +1,4 @@
-//! Promises of loading, tracing, light and portal models, one file a promise.
+//! Promises of loading, tracing, light and portal models, one file each.
 
 mod bake;
 mod folder;

@@ -1,5 +1,5 @@
-//! Homes whose rooms are open to each other: what no wall closes is a portal, and what is wrong
-//! with walls is said by name.
+//! Homes with rooms that are open to each other: openings without walls become portals, and defects
+//! of walls are reported by name.
 
 use glam::DVec2;
 use headbox_model::load::{LoadedModel, ModelOptions, load_model};
@@ -8,9 +8,9 @@ use headbox_trace::bvh::Tracer;
 use std::fmt::Write as _;
 use std::sync::Arc;
 
-/// A home of four bedrooms along a corridor that ends, 1.1 m wide and without a door, in a living
-/// room; the kitchen is in the same room, behind a counter. Centimetres; walls 10 cm thick about
-/// their lines.
+/// A home of four bedrooms along a corridor, 1.1 m wide, that ends without a door in a living room;
+/// the kitchen is in the same room, behind a counter. Centimetres; walls 10 cm thick about their
+/// lines.
 struct Plan {
     xml: String,
     walls: usize,
@@ -145,7 +145,7 @@ fn wide_openings_are_portals() {
         [[110, 250]],
         "{findings:?}"
     );
-    // Over the counter too: one portal of the whole border.
+    // Above the counter, too: one portal along the whole border.
     assert_eq!(between(&model, "Living room", "Kitchen"), [[390, 250]]);
     assert_eq!(between(&model, "Bedroom 1", "Corridor"), [[90, 208]]);
     assert!(
@@ -230,9 +230,9 @@ fn walls_in_one_plane_are_named() {
 }
 
 #[test]
-fn rooms_that_see_each_other_aslant_are_joined() {
-    // Two walls, each along half of the border between rooms that are drawn to their middle, so
-    // that no ray passes it squarely.
+fn obliquely_visible_rooms_are_joined() {
+    // Two walls, each along half of the border between rooms that extend to the walls' centre
+    // lines, so that no ray crosses it perpendicularly.
     let plan = Plan::new()
         .room("Left", [5.0, 5.0], [319.0, 295.0])
         .room("Right", [319.0, 5.0], [695.0, 295.0])

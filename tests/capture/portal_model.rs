@@ -1,4 +1,4 @@
-//! Portal models: every kind of defect is found, told as a sentence, and mended where it would
+//! Portal models: every kind of defect is found, reported in a sentence, and repaired if it would
 //! break a walkthrough.
 
 use glam::{DVec2, DVec3, dvec3};
@@ -72,7 +72,7 @@ fn cell(name: &str, x: f64, triangles: std::ops::Range<u32>) -> Cell {
     }
 }
 
-/// Two rooms side by side with a door between, in nothing.
+/// Two rooms side by side with a door between, in empty space.
 fn two_rooms() -> PortalModel {
     let mut scene = Scene {
         materials: vec![Material::default()],
@@ -228,7 +228,7 @@ fn small_polygon_defects_are_accepted() {
 }
 
 #[test]
-fn mending_turns_a_portal_round() {
+fn repair_reverses_portal() {
     let mut model = two_rooms();
     let polygon = model.portals[0].polygon.clone();
     model.portals[0].polygon.reverse();
@@ -239,9 +239,9 @@ fn mending_turns_a_portal_round() {
     assert_eq!(model.portals[0].polygon, polygon);
 }
 
-/// Findings carry the final numbers of portals; a portal that was left out leads nowhere.
+/// Findings have the final indices of portals; a portal that was left out leads nowhere.
 #[test]
-fn portals_that_are_left_out_are_numbered_last() {
+fn omitted_portals_are_numbered_last() {
     let mut model = two_rooms();
     let sound = model.portals[0].clone();
     let bent = Portal {
@@ -272,7 +272,7 @@ fn portals_that_are_left_out_are_numbered_last() {
 }
 
 #[test]
-fn spaces_that_are_no_rooms_are_named() {
+fn invalid_spaces_are_named() {
     let flaws = |change: fn(&mut Prism)| {
         let mut model = two_rooms();
         change(&mut model.cells[0].space[0]);
@@ -311,7 +311,7 @@ fn spaces_that_are_no_rooms_are_named() {
 }
 
 #[test]
-fn cells_without_space_or_way_are_named() {
+fn cells_without_space_or_access_are_named() {
     let mut model = two_rooms();
     model.cells[1].space.clear();
     assert!(
@@ -335,7 +335,7 @@ fn cells_without_space_or_way_are_named() {
 }
 
 #[test]
-fn rays_find_holes_that_are_no_portals() {
+fn rays_find_leaks() {
     let leaks = |model: &PortalModel| {
         let tracer = Tracer::new(Arc::new(model.scene.clone()), DVec3::new(4.0, 1.0, 1.5));
         model.leaks(&tracer, 512, 1)
@@ -357,7 +357,7 @@ fn rays_find_holes_that_are_no_portals() {
         [["left", "right"], ["right", "left"]].map(|pair| pair.map(String::from))
     );
 
-    // Without its last wall the right room is open to the outside.
+    // Without its last wall, the right room is open to the outside.
     let mut open = two_rooms();
     let wall = open.cells[1].triangles.start as usize + 8;
     for triangle in wall..wall + 2 {

@@ -1,4 +1,4 @@
-//! The tracer against a slow, obvious oracle: Möller-Trumbore in `f64` over every triangle.
+//! The tracer against a brute-force oracle: Möller-Trumbore in `f64` over every triangle.
 
 use crate::trace_oracle::{
     OracleHit, bits, grid, levels, oracle_hits, rays_for, scene_of, soup, sphere,
@@ -14,16 +14,16 @@ use std::sync::Arc;
 /// scene's extent.
 const TOLERANCE: f64 = 3e-6;
 
-/// Oracle hits whose [`OracleHit::margin`] exceeds this must be found: the tolerance over the size
-/// of the smallest triangles (a hundredth of the extent).
+/// Margin ([`OracleHit::margin`]) above which oracle hits must be found: the tolerance over the
+/// size of the smallest triangles (a hundredth of the extent).
 const SURE_MARGIN: f64 = TOLERANCE * 100.0;
 
-/// Grazing angles multiply the error along the ray; oracle hits that face the ray less than this
-/// are not compared.
+/// Cosine below which oracle hits are not compared: grazing angles multiply the error along the
+/// ray.
 const LEAST_FACING: f64 = 0.01;
 
-/// The oracle's closest distance must be found, unless the ray passes within the tolerance of a
-/// triangle's border.
+/// Asserts that the tracer finds the oracle's closest distance, unless the ray passes within the
+/// tolerance of a triangle's border.
 fn assert_closest(tracer: &Tracer, oracle: &[OracleHit], ray: &Ray, hit: Option<Hit>, extent: f64) {
     let tolerance = TOLERANCE / LEAST_FACING * extent;
     let along = tolerance / f64::from(ray.direction.length());
@@ -122,7 +122,7 @@ fn check(scene: Scene, origin: DVec3, rays: &[Ray], extent: f64) {
     assert_packets_agree(&tracers, rays);
 }
 
-/// Packets give the bits of single rays, at every level.
+/// Asserts that packets give the same bits as single rays, at every SIMD level.
 fn assert_packets_agree(tracers: &[Tracer], rays: &[Ray]) {
     for chunk in rays.chunks(PACKET) {
         let mut packet = RayPacket::from_rays(chunk);
@@ -221,9 +221,9 @@ fn grids_and_rays_along_the_planes_of_boxes() {
 }
 
 #[test]
-fn a_ray_inside_the_plane_of_a_flat_box_still_sees_beyond_it() {
-    // The floor's triangles make boxes of no height; the ray runs in the floor and meets a wall
-    // that stands on it.
+fn ray_in_plane_of_flat_box_hits_beyond_it() {
+    // The floor's triangles have boxes of zero height; the ray runs in the floor and hits a wall on
+    // it.
     let mut triangles = grid(8)
         .into_iter()
         .map(|t| t.map(|p| dvec3(p.x, 0.0, p.y)))
@@ -285,8 +285,8 @@ fn a_closed_sphere_does_not_leak() {
 
 #[test]
 fn thin_and_edge_on_triangles_agree_everywhere() {
-    // Slivers along a common direction, seen along it: their distances are uncertain, but not
-    // different by route.
+    // Slivers along a common direction, seen along it: their distances are uncertain, but the same
+    // for every entry point.
     let mut random = Rng::keyed(9);
     for scale in [1.0, 1e4] {
         let along = dvec3(0.6, 0.3, -0.74);
@@ -331,7 +331,7 @@ fn thin_and_edge_on_triangles_agree_everywhere() {
 }
 
 #[test]
-fn of_equal_hits_the_lowest_index_wins() {
+fn lowest_index_wins_equal_hits() {
     let mut random = Rng::keyed(7);
     let mut triangles = soup(&mut random, 40, 0.5, 1.0);
     let copies = triangles.clone();
@@ -345,7 +345,7 @@ fn of_equal_hits_the_lowest_index_wins() {
         assert_eq!(all.len() % 6, 0, "every copy is hit");
         assert!(tracer.closest(&ray).is_none_or(|hit| hit.primitive < 40));
     }
-    // A wall of coincident triangles, more than any leaf expects.
+    // Coincident triangles, more than fit in a leaf.
     let many = vec![
         [
             dvec3(-1.0, -1.0, -2.0),

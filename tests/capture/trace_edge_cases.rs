@@ -1,4 +1,4 @@
-//! The tracer's rules at their borders: the range of `t`, cut-outs, poisoned input.
+//! Edge cases of the tracer: the range of `t`, cut-outs, invalid input.
 
 use crate::trace_oracle::{bits, scene_of};
 use glam::{DVec3, Vec2, Vec3, dvec3, vec3};
@@ -107,7 +107,7 @@ fn cutouts_let_rays_through_where_alpha_is_low() {
 }
 
 /// Rays that hit nothing by definition.
-fn poisoned_rays() -> [Ray; 7] {
+fn invalid_rays() -> [Ray; 7] {
     [
         Ray {
             origin: vec3(0.0, f32::NAN, 0.0),
@@ -141,7 +141,7 @@ fn poisoned_rays() -> [Ray; 7] {
 }
 
 #[test]
-fn poisoned_triangles_are_not_hit_and_break_nothing() {
+fn invalid_triangles_are_never_hit() {
     let line = |x: f64| {
         [
             dvec3(-1.0, 0.0, -1.0),
@@ -183,14 +183,14 @@ fn poisoned_triangles_are_not_hit_and_break_nothing() {
 }
 
 #[test]
-fn poisoned_rays_hit_nothing_and_do_not_disturb_their_packet() {
+fn invalid_rays_miss_without_affecting_packet() {
     let tracer = Tracer::new(Arc::new(scene_of(&[GOOD])), DVec3::ZERO);
-    for ray in &poisoned_rays() {
+    for ray in &invalid_rays() {
         assert_eq!(tracer.closest(ray), None, "{ray:?}");
         assert!(!tracer.occluded(ray));
         tracer.all_hits(ray, &mut |hit| panic!("{ray:?} has {hit:?}"));
     }
-    let mixed: Vec<Ray> = poisoned_rays()
+    let mixed: Vec<Ray> = invalid_rays()
         .into_iter()
         .flat_map(|ray| [ray, AHEAD])
         .chain([AHEAD; 2])
@@ -208,7 +208,7 @@ fn poisoned_rays_hit_nothing_and_do_not_disturb_their_packet() {
 }
 
 #[test]
-fn nothing_to_hit_is_a_miss() {
+fn empty_scene_is_a_miss() {
     let packet = RayPacket::from_rays(&[AHEAD; PACKET]);
     for triangles in [&[][..], &[[DVec3::NAN; 3]]] {
         let tracer = Tracer::new(Arc::new(scene_of(triangles)), DVec3::ZERO);
@@ -223,7 +223,7 @@ fn nothing_to_hit_is_a_miss() {
 
 #[test]
 fn a_triangle_too_small_for_its_edge_functions_is_still_hit() {
-    // Products of its coordinates are below the least f32: every rounded edge function is zero.
+    // Products of its coordinates are below the smallest f32: every rounded edge function is zero.
     let s = 1e-25;
     let tiny = [dvec3(-s, -s, -1.0), dvec3(s, -s, -1.0), dvec3(0.0, s, -1.0)];
     let tracer = Tracer::new(Arc::new(scene_of(&[GOOD, tiny])), DVec3::ZERO);

@@ -111,12 +111,12 @@ pub(crate) struct OracleHit {
     pub(crate) facing: f64,
 }
 
-/// The bits of a hit, to compare exactly.
+/// Bits of a hit, for exact comparison.
 pub(crate) fn bits(hit: Option<Hit>) -> Option<[u32; 4]> {
     hit.map(|h| [h.t.to_bits(), h.primitive, h.u.to_bits(), h.v.to_bits()])
 }
 
-/// Every hit and near miss of a ray, by Möller and Trumbore (1997) in `f64`.
+/// Finds every hit and near miss of a ray, by Möller and Trumbore (1997) in `f64`.
 pub(crate) fn oracle_hits(triangles: &[[DVec3; 3]], ray: &Ray) -> Vec<OracleHit> {
     let (o, d) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
     let mut hits = Vec::new();

@@ -7,9 +7,9 @@ use headbox_core::random::Rng;
 /// Hit of a ray: `origin + t * direction`.
 pub struct Hit {
     pub t: f64,
-    /// Unit, turned toward the ray's origin.
+    /// Unit normal, toward the ray's origin.
     pub normal: DVec3,
-    /// Linear.
+    /// Linear colour.
     pub color: [f64; 3],
 }
 
@@ -38,7 +38,7 @@ pub struct Scene {
 }
 
 impl Shape {
-    /// Every meeting of a ray with the shape: t and a normal.
+    /// Reports every intersection of a ray with the shape: t and a normal.
     fn meet(&self, o: DVec3, d: DVec3, mut offer: impl FnMut(f64, DVec3)) {
         match *self {
             Self::Box { min, max } => {
@@ -146,7 +146,7 @@ fn texture(p: DVec3, normal: DVec3, detail: f64, seed: i64) -> [f64; 3] {
     [gray * (0.7 + 0.6 * tint), gray, gray * (1.2 - 0.5 * tint)]
 }
 
-/// A closed, furnished room, the headbox's centre at the origin.
+/// A closed, furnished room with the headbox's centre at the origin.
 pub fn room(detail: f64) -> Scene {
     let cuboid = |a: [f64; 3], c: [f64; 3]| Shape::Box {
         min: a.into(),
@@ -176,7 +176,7 @@ pub fn room(detail: f64) -> Scene {
     }
 }
 
-/// Foliage: many disks at random over ground, under a sky; none nearer than 1 m to the origin.
+/// Foliage: many random disks over ground, under a sky; none nearer than 1 m to the origin.
 pub fn leaves(detail: f64) -> Scene {
     let mut r = Rng::keyed(7);
     let mut shapes = vec![Shape::Disk {

@@ -45,7 +45,7 @@ impl Gathered {
     }
 }
 
-/// The sums of every pixel of every face, and of the environment.
+/// Sums of every pixel of every face, and of the environment.
 struct Accumulator {
     size: usize,
     pixels: Vec<Vec<Gathered>>,
@@ -92,9 +92,9 @@ impl Accumulator {
         }
     }
 
-    /// Alphas of the depth pixels of a pixel, sorted from far to near: of 16 rays from the centre,
-    /// the share of those that reach a sample which end at it; where few reach it, the share that
-    /// meets anything at its depth.
+    /// Alphas of the depth pixels of a pixel, from far to near: among the rays from the centre (16
+    /// per pixel) that reach a sample, the share that ends at it; if few reach it, the share that
+    /// hits anything at its depth.
     fn alphas(&self, index: usize, scene: &Scene, settings: &CaptureSettings) -> Vec<u8> {
         const SIDE: usize = 4;
         let (face, x, y) = (
@@ -231,7 +231,7 @@ pub fn capture(scene: &Scene, settings: &CaptureSettings) -> CubeSamples {
     }
 }
 
-/// Capture information of no capture.
+/// Capture information of a cube that was not captured.
 pub fn info(centre: DVec3, half_size_m: f64) -> CaptureInfo {
     CaptureInfo {
         scene: "test".into(),
@@ -242,8 +242,8 @@ pub fn info(centre: DVec3, half_size_m: f64) -> CaptureInfo {
     }
 }
 
-/// A cube LDI of one sample at the centre of each pixel of some faces, as `sample` gives it for a
-/// position on the face in pixels; no environment.
+/// A cube LDI with one sample at the centre of each pixel of some faces, without an environment.
+/// `sample` returns the sample for a position on the face in pixels.
 pub fn one_layer(
     centre: DVec3,
     face_px: u32,

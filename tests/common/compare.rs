@@ -1,4 +1,4 @@
-//! Truth frames, and what differs between two frames.
+//! Truth frames, and comparison of frames.
 
 use super::bed::{Scene, srgb};
 use glam::DVec3;
@@ -38,15 +38,15 @@ fn frame(camera: &Camera, color: impl Fn(u32, u32) -> [u8; 4]) -> Frame {
     }
 }
 
-/// Truth: `n * n` rays a pixel.
+/// Ray-traces a truth frame with `n * n` rays per pixel.
 pub fn truth(scene: &Scene, camera: &Camera, n: u32) -> Frame {
     frame(camera, |x, y| {
         mean_radiance(scene, camera.eye(), n, x, y, |x, y| camera.direction(x, y))
     })
 }
 
-/// A ray-traced cube map (4 * 4 rays a texel) about a centre, to be looked up bilinearly: what an
-/// LDI is measured against from its centre.
+/// Ray-traces a cube map (4 * 4 rays per texel) about a centre, for bilinear lookup: the reference
+/// for an LDI seen from its centre.
 pub fn cube_map(scene: &Scene, centre: DVec3, face_px: u32) -> Environment {
     let texels = Face::ALL.into_iter().flat_map(|face| {
         let texel = move |i: u32| {
@@ -84,14 +84,14 @@ pub fn psnr_db(a: &Frame, b: &Frame) -> f64 {
     10.0 * (255.0 * 255.0 * a.color.len() as f64 * 3.0 / sum).log10()
 }
 
-/// Share of pixels of which a channel differs by more than `levels`.
+/// Share of pixels with a channel that differs by more than `levels`.
 pub fn share_differing(a: &Frame, b: &Frame, levels: u8) -> f64 {
     let differs = |(p, q): &(&[u8; 4], &[u8; 4])| (0..3).any(|c| p[c].abs_diff(q[c]) > levels);
     a.color.iter().zip(&b.color).filter(differs).count() as f64 / a.color.len() as f64
 }
 
-/// Fails if more than `share` of the pixels differ by more than `levels`, and then leaves a
-/// picture: expected | difference (times 4) | actual.
+/// Fails if more than `share` of the pixels differ by more than `levels`, and then saves an image:
+/// expected | difference (times 4) | actual.
 pub fn assert_close(name: &str, expected: &Frame, actual: &Frame, levels: u8, share: f64) {
     assert_eq!(
         (expected.width, expected.height),

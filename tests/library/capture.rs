@@ -29,7 +29,7 @@ use headbox_trace::light::{LightSample, Lighting, LitPoint};
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// A scene put together from boxes.
+/// A scene made of boxes.
 #[derive(Default)]
 struct Boxes(Scene);
 
@@ -192,8 +192,8 @@ fn merged_from_shards(
     capture.light_and_merge(&merged).unwrap()
 }
 
-/// Share of the pixels of frames from all over the headbox that nothing or little covers; the room
-/// is closed, so that all of them should be.
+/// Share of uncovered or weakly covered pixels in frames from all over the headbox. The room is
+/// closed, so all pixels should be covered.
 fn open_share(ldi: &CubeSamples) -> f64 {
     let cube = CubeLdi::pack(ldi, SplatIndexLayout::Normal, Split::Auto).unwrap();
     let (mut renderer, mut random) = (Renderer::new(), Rng::keyed(11));
@@ -250,7 +250,7 @@ fn holes_are_filled_on_any_threads_and_shards() {
     );
 }
 
-/// A floor that the centre sees nearly edge-on, from above its centre: the rows of its samples lie
+/// Views, from above, of a floor that the centre sees nearly edge-on: the rows of its samples are
 /// up to twice as far apart there.
 #[test]
 fn grazing_floor_has_few_gaps() {
@@ -279,7 +279,7 @@ fn grazing_floor_has_few_gaps() {
                 .direction(f64::from(x) + 0.5, f64::from(y) + 0.5)
                 .normalize()
                 .y;
-            // Nearer than 30 m; farther off, a pixel of the face holds metres of it.
+            // Nearer than 30 m; farther away, a face pixel covers metres of the floor.
             down > (HALF_SIZE_M + BELOW_M) / 30.0
                 && frame.coverage[(y * 96 + x) as usize].splat_share() < 128
         };
@@ -293,14 +293,14 @@ fn grazing_floor_has_few_gaps() {
     }
 }
 
-/// Exporters of boxes often share normals at their corners, which lean by 55 degrees from each
-/// wall. Footprints are of walls.
+/// Exporters of boxes often share normals at corners, tilted by 55 degrees from each wall;
+/// footprints must use the geometric normals.
 #[test]
 fn tilted_shading_normals_leave_no_gaps() {
     let flat = room();
     let leaning = {
         let mut scene = Scene::clone(&flat);
-        // The first box is the room, seen from within: each corner's normal points to its middle.
+        // The first box is the room, seen from inside: each corner's normal points to its centre.
         scene.normals = scene
             .positions
             .iter()
@@ -408,7 +408,7 @@ fn closed_room_gaps_are_unmet_pixels() {
 }
 
 #[test]
-fn depths_are_those_of_the_walls() {
+fn depths_equal_walls() {
     let ldi = capture(&spec(), &room());
     // The ceiling, 1.5 m above, away from the lamp: every depth pixel of the +Y face's rim rows.
     let face = &ldi.faces[Face::PosY.index()];
@@ -577,7 +577,7 @@ fn bounced_light_stays_in_place() {
             .map(|(a, b)| a.abs_diff(b))
             .max()
             .unwrap();
-        // The light of one cell for all errs by 60 levels here.
+        // With the light of one cell for all, the error is 60 levels here.
         assert!(apart < 10, "{found:?} for {expected:?} at {x}");
         more_red(found)
     });
@@ -608,7 +608,7 @@ fn fill_light_only_in_dark_rooms() {
 }
 
 #[test]
-fn geometry_inside_the_headbox_is_noticed() {
+fn geometry_inside_headbox_is_reported() {
     let tracer = Tracer::new(room(), DVec3::ZERO);
     assert_eq!(trace::blocked_share(&tracer, 0.3), 0.0);
     let inside = trace::blocked_share(&tracer, 1.9);
@@ -644,7 +644,7 @@ fn no_wall_has_a_gap_of_one_pixel() {
     let mut boxes = Boxes::default();
     let wall = boxes.material([0.7, 0.6, 0.5], [0.0; 3]);
     let scene = Arc::new(boxes.add(DVec3::ZERO, dvec3(2.0, 1.5, 2.0), wall).0);
-    // So few rays that one pixel in two hundred stays empty.
+    // So few rays that one pixel in 200 stays empty.
     let parameters = CaptureParameters {
         bounces: 1,
         light_samples: 1,
@@ -671,8 +671,8 @@ fn no_wall_has_a_gap_of_one_pixel() {
         }
     }
     let share = f64::from(covered) / (6.0 * 94.0 * 94.0);
-    // A neighbour that was mended itself is no reason to mend the next, so that a few stay. Without
-    // mending: 566.
+    // A repaired neighbour does not justify the next repair, so a few pinholes remain. Without
+    // repair: 566.
     assert!(
         share > 0.999 && gaps < 20,
         "{gaps} gaps; {share} of all pixels covered"

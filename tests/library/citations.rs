@@ -8,7 +8,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-/// Names that look like ids: the illuminant.
+/// Names that look like ids but are none: the illuminant.
 const NO_IDS: [&str; 1] = ["D65"];
 
 fn root() -> &'static Path {
@@ -54,7 +54,7 @@ fn is_id(word: &str) -> bool {
         && !NO_IDS.contains(&word)
 }
 
-/// The ids in the comments and strings of a text.
+/// Ids in the comments and strings of a text.
 fn ids(text: &str) -> BTreeSet<&str> {
     let prose = text
         .lines()
@@ -120,14 +120,14 @@ fn papers_page_matches_citations() {
     assert!(rows > 70, "{rows} files in rows");
 }
 
-/// The ids that have a row, or are named in the prose about numbers.
+/// Ids that have a table row or are named in the text about numbers.
 fn ids_of_page(page: &str) -> BTreeSet<&str> {
     page.split(|c: char| !c.is_alphanumeric() && c != '-')
         .filter(|word| is_id(word))
         .collect()
 }
 
-/// Ends of paths of Rust files in backticks.
+/// Path suffixes of Rust files in backticks.
 fn rust_files(text: &str) -> impl Iterator<Item = &str> {
     text.split('`')
         .filter(|word| word.ends_with(".rs") && !word.contains(' '))

@@ -1,4 +1,4 @@
-//! Promises of frames that several things share (S25, D14): sprites, cube LDIs and polygons.
+//! Promises of composed frames (S25, D14): sprites, cube LDIs and polygons.
 
 use crate::sprite_files::card;
 use crate::sprite_oracle::look;
@@ -98,7 +98,7 @@ fn lone_cube_composes_to_own_frame() {
     );
     let camera = Camera::look_at(eye, eye + dvec3(0.3, 0.2, -1.0), DVec3::Y, 90.0, [120, 90])
         .expect("valid");
-    // Holes of a cube among other layers stay open: another may show there.
+    // Holes of a cube among other layers stay open: another layer may be visible there.
     let open = RenderSettings {
         keep_holes: true,
         ..settings.cubes
@@ -129,7 +129,7 @@ fn lone_cube_composes_to_own_frame() {
     );
 }
 
-/// Adds a parallelogram with a material of its own.
+/// Adds a parallelogram with its own material.
 fn add_board(scene: &mut Scene, corner: DVec3, along: DVec3, up: DVec3, albedo: [f32; 3]) {
     let (first, material) = (scene.positions.len() as u32, scene.materials.len() as u32);
     scene
@@ -146,7 +146,7 @@ fn add_board(scene: &mut Scene, corner: DVec3, along: DVec3, up: DVec3, albedo: 
             material,
         });
     }
-    // Lists that are kept at all have an entry for each position.
+    // Non-empty attribute lists have an entry for each position.
     let fill = |is_kept: bool| if is_kept { count } else { 0 };
     scene
         .normals
@@ -159,7 +159,7 @@ fn add_board(scene: &mut Scene, corner: DVec3, along: DVec3, up: DVec3, albedo: 
         .resize(fill(!scene.colors.is_empty()), Vec3::ONE);
 }
 
-/// A slanted board that stands in the ground among the poles, and a second one behind most of them.
+/// Adds a slanted board among the poles that intersects the ground, and one behind most poles.
 fn boards(scene: &mut Scene) {
     add_board(
         scene,
@@ -200,10 +200,10 @@ fn traced(scene: &Arc<Scene>, camera: &Camera) -> image::RgbImage {
     .rgb()
 }
 
-/// Largest loss by boards among samples, dB.
+/// Maximum loss of PSNR by boards among samples, dB.
 const BOARDS_DB: f64 = 1.3;
 
-/// Smallest loss if they are pasted over the samples: poles stand before them.
+/// Minimum loss of PSNR if the boards are pasted over the samples: poles are in front of them.
 const PASTED_DB: f64 = 1.5;
 
 #[test]
@@ -282,8 +282,8 @@ fn polygons_match_captured_samples() {
     }
 }
 
-/// Coverage at a silhouette is known to a quarter, so that light is off there by up to an eighth of
-/// the difference; without subpixels by up to half.
+/// Minimum PSNR at silhouettes, dB. Coverage is known to a quarter there, so light is off by up to
+/// an eighth of the difference; without subpixels by up to half.
 const SILHOUETTES_DB: f64 = 36.0;
 
 #[test]
@@ -377,8 +377,8 @@ fn cube_sprites_polygons_share_depth() {
     );
 }
 
-/// 64 samples a vertex of what is about it, a picture of 64 rows of that, and vertices' own mean:
-/// an eighth.
+/// Relative tolerance of light: 64 samples per vertex of its surroundings, an image of 64 rows of
+/// these, and the mean over vertices: an eighth.
 const LIT_SHARE: f64 = 0.125;
 
 #[test]
@@ -390,7 +390,7 @@ fn polygons_lit_by_surrounding_cube() {
         .light_samples(2)
         .run()
         .expect("captured");
-    // Frames mix compressed light, which takes some of it where bright and dark meet.
+    // Frames blend compressed light, which loses some of it where bright and dark meet.
     for (tone, share) in [
         (ToneMap::SrgbClipped, LIT_SHARE),
         (ToneMap::SrgbCompressed, 1.2 * LIT_SHARE),
@@ -400,10 +400,10 @@ fn polygons_lit_by_surrounding_cube() {
     }
 }
 
-/// A closed box in the middle of a cube has the light that its frames stand for.
+/// Asserts that a closed box in the centre of a cube is lit by the radiance of the cube's frames.
 fn assert_box_is_lit(cube: &CubeLdi, share: f64) {
     let centre = cube.info.centre;
-    // A closed box: of a surface that is open on both sides the brighter one would count.
+    // A closed box: on an open surface the brighter of both sides would count.
     let side = 0.02;
     let normals = [
         DVec3::X,
@@ -431,7 +431,7 @@ fn assert_box_is_lit(cube: &CubeLdi, share: f64) {
     let model = Polygons::lit_by(scene, cube, &Silent).expect("lit");
     let composition = Composition::new(SpriteSet::new(vec![]), vec![]).with_polygons(vec![model]);
     for normal in normals {
-        // So near before it that it fills the frame.
+        // So close to the box that it fills the frame.
         let eye = centre + normal * side;
         let camera = Camera::look_at(eye, centre, normal.any_orthonormal_vector(), 40.0, [16, 16])
             .expect("valid");
@@ -451,8 +451,8 @@ fn assert_box_is_lit(cube: &CubeLdi, share: f64) {
     }
 }
 
-/// Irradiance over pi, green, of what a cube shows from a place: the sum over a frame that looks
-/// along the normal as far as 80 degrees, beyond which cosines leave 3 %.
+/// Irradiance over pi, green, from a cube at a point: the sum over a frame along the normal up to
+/// 80 degrees, beyond which cosines leave 3 %.
 fn irradiance_over_pi(cube: &CubeLdi, eye: DVec3, normal: DVec3) -> f64 {
     let camera = Camera::look_at(
         eye,
@@ -467,8 +467,8 @@ fn irradiance_over_pi(cube: &CubeLdi, eye: DVec3, normal: DVec3) -> f64 {
     let (mut sum, mut all) = (0.0, 0.0);
     for (i, color) in frame.color.iter().enumerate() {
         let direction = camera.direction((i % 400) as f64 + 0.5, (i / 400) as f64 + 0.5);
-        // A pixel's solid angle falls with the cube of the cosine, and so does its light with the
-        // cosine.
+        // A pixel's solid angle is proportional to the cube of the cosine, and its irradiance to
+        // the cosine.
         let weight = direction.length().powi(-4);
         sum += f64::from(cube.info.tone.exposed(color[1])) * weight;
         all += weight;

@@ -1,5 +1,5 @@
-//! Cube LDIs from depth images (S12): what the tracer saw comes back, wherever an image was taken
-//! and however fine it is.
+//! Cube LDIs from depth images (S12): they reproduce the traced samples for any camera position and
+//! resolution.
 
 use crate::common::bed::{Scene, room, srgb};
 use crate::common::capture::centre_rays;
@@ -19,7 +19,7 @@ use image::{Rgb, RgbImage};
 use std::path::Path;
 use std::sync::Arc;
 
-/// Names of the faces' pictures.
+/// Names of the faces' images.
 const NAMES: [(Face, &str); 6] = [
     (Face::NegZ, "front"),
     (Face::PosZ, "back"),
@@ -29,7 +29,7 @@ const NAMES: [(Face, &str); 6] = [
     (Face::PosY, "top"),
 ];
 
-/// Writes the first layer of a cube as six pictures with depth, and opens them.
+/// Writes the first layer of a cube as six images with depth, and opens them.
 fn as_pictures(cube: &CubeSamples, folder: &Path) -> ImageSet {
     for (face, name) in NAMES {
         let image = &cube.faces[face.index()];
@@ -71,7 +71,7 @@ fn views(set: &ImageSet) -> Vec<&View> {
     set.views_with_depth().collect()
 }
 
-/// Two roundings of f32 on the way from inverse depth to depth and back, and those of the warp.
+/// Tolerance: two roundings of f32 from inverse depth to depth and back, and those of the warp.
 const RELATIVE_DEPTH: f32 = 4e-6;
 
 #[test]
@@ -139,7 +139,7 @@ fn six_pinholes_give_centre_ray_ldi() {
                 t_max: f32::INFINITY,
             };
             let hit = tracer.closest(&ray);
-            // The sky is a surface that is as good as infinitely far.
+            // The sky is a surface that is practically at infinity.
             let expected = 1.0
                 / hit.map_or(FARTHEST_M, |hit| {
                     hit.t * direction.dot(face.normal()) as f32
@@ -190,8 +190,9 @@ fn as_panorama(scene: &Scene, width: u32, folder: &Path) -> ImageSet {
 
 #[test]
 fn panorama_gives_centre_ray_ldi() {
-    /// A sample is moved to the middle of its pixel along a plane through its neighbours; spheres
-    /// curve away from it, and at edges a pixel of the panorama may show the other surface.
+    /// Tolerances: a sample is moved to the centre of its pixel along a plane through its
+    /// neighbours. Spheres deviate from that plane, and at edges a pixel of the panorama may show
+    /// the other surface.
     const RELATIVE_DEPTH: f32 = 2e-3;
     const AT_EDGES: f64 = 0.04;
     let scene = room(20.0);

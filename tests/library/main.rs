@@ -1,8 +1,8 @@
-//! Promises of the library, one file a promise; `cargo test --test library warp_` runs those of one
-//! name.
+//! Promises of the library, one file each; `cargo test --test library warp_` runs those with one
+//! prefix.
 //!
-//! One program, because each costs a link of all of headbox. Tests of the command line are in
-//! `tests/program`; what watches over allocations needs an allocator of its own, and is in
+//! A single test program, because each one links all of headbox. Tests of the command line are in
+//! `tests/program`; those that monitor allocations need their own allocator and are in
 //! `tests/mutated`.
 
 #[path = "../common/mod.rs"]

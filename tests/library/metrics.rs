@@ -28,7 +28,7 @@ const SCIKIT_IMAGE_SSIM: [((u32, u32), [f64; 9]); 2] = [
 const SCIKIT_IMAGE_PSNR_DB: [f64; 8] = [
     34.6500006657, 14.8590083216, 14.2276194699, 16.8596973695, 48.1847028930, 0.0, 1.7609125906, 10.4926272304,
 ];
-/// Half a unit in the last of the decimals above, and as much again for the order of f64 sums.
+/// Half a unit of the last decimal above, and as much again for the order of f64 sums.
 const SSIM_TOLERANCE: f64 = 1e-12;
 const PSNR_TOLERANCE_DB: f64 = 1e-10;
 
@@ -58,8 +58,8 @@ fn psnr_is_that_of_scikit_image() {
 
 #[test]
 fn ssim_matches_definition_with_reflection() {
-    /// Moments of 8-bit values are below 2^17, and their differences lose at most that many of 53
-    /// bits.
+    /// Tolerance: moments of 8-bit values are below 2^17, and their differences lose at most that
+    /// many of 53 bits.
     const CANCELLATION: f64 = 1e-10;
     for (width, height) in [
         (1, 1),
@@ -83,7 +83,7 @@ fn ssim_matches_definition_with_reflection() {
     }
 }
 
-/// One window after the other, two-dimensional weights, variances about the mean.
+/// SSIM by its definition: window by window, two-dimensional weights, variances about the mean.
 fn ssim_by_definition(reference: &RgbImage, test: &RgbImage) -> f64 {
     let (width, height) = (reference.width() as i32, reference.height() as i32);
     let centers = |len: i32| if len < 11 { 0..len } else { 5..len - 5 };
@@ -169,7 +169,7 @@ fn differing_pixels_are_counted_once() {
     let squared_error = 1.0 + 36.0 + 49.0;
     let psnr = 10.0 * (255.0 * 255.0 * 60_000.0_f64 / squared_error).log10();
     assert!((psnr_db(&image, &test).unwrap() - psnr).abs() < PSNR_TOLERANCE_DB);
-    // Stripes of one pixel, shifted by one, differ everywhere but in the column that repeats.
+    // Stripes of one pixel, shifted by one, differ everywhere except in the repeated column.
     let stripes = RgbImage::from_fn(50, 20, |x, _| Rgb([if x % 2 == 0 { 0 } else { 255 }; 3]));
     assert_eq!(
         differing_fraction(&stripes, &shifted(&stripes)).unwrap(),

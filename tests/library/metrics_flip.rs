@@ -96,8 +96,8 @@ fn flip_range_from_equal_to_opposite() {
             .all(|&error| error == 0.0)
     );
     assert_eq!(map([7, 80, 9], [7, 80, 9]).mean, 0.0);
-    // Constant images have no features: the color error alone counts, and green to blue is its
-    // largest.
+    // Constant images have no features: only the colour error counts, which is largest for green
+    // and blue.
     let farthest = map([0, 255, 0], [0, 0, 255]);
     assert!(
         farthest
@@ -123,7 +123,7 @@ fn one_pixel_is_seen_where_it_is() {
     let map = flip_map(&black, &dot, DEFAULT_PIXELS_PER_DEGREE).unwrap();
     let at = |x: usize, y: usize| map.errors[y * 61 + x];
     assert!(at(20, 30) > 0.3 && map.errors.iter().all(|&error| error <= at(20, 30)));
-    // The filters are symmetric; ten pixels away they end.
+    // The filters are symmetric with a radius below ten pixels.
     assert_eq!([at(17, 30), at(20, 27)], [at(23, 30), at(20, 33)]);
     assert!((at(17, 30) - at(20, 27)).abs() < 1e-5);
     assert!(at(9, 30) == 0.0 && at(20, 41) == 0.0 && at(16, 30) > 0.0);
@@ -214,7 +214,7 @@ mod oracle {
             70074185.0 / 73733382.0,
         ],
     ];
-    /// The inverse, in the digits of the authors' evaluator.
+    /// Inverse of [`XYZ_FROM_RGB`], with the digits of the authors' evaluator.
     const RGB_FROM_XYZ: [[f64; 3]; 3] = [
         [3.241003275, -1.537398934, -0.498615861],
         [-0.969224334, 1.875930071, 0.041554224],

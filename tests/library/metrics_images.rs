@@ -1,4 +1,4 @@
-//! Images by closed integer formulas, so that another program can make the same ones bit for bit.
+//! Images by integer formulas, which other programs can reproduce bit for bit.
 
 use image::{Rgb, RgbImage};
 
@@ -13,7 +13,7 @@ pub(crate) fn pattern(width: u32, height: u32) -> RgbImage {
     })
 }
 
-/// `image` with each channel lowered by a hash of its place, at most `strength`.
+/// `image` with each channel lowered by a hash of its position, at most `strength`.
 pub(crate) fn noisy(image: &RgbImage, strength: u32) -> RgbImage {
     RgbImage::from_fn(image.width(), image.height(), |x, y| {
         let channel = |c: u32| {
@@ -47,7 +47,7 @@ pub(crate) fn constant(width: u32, height: u32, color: [u8; 3]) -> RgbImage {
     RgbImage::from_pixel(width, height, Rgb(color))
 }
 
-/// Pairs that differ in many ways, and their names.
+/// Named pairs of images that differ in various ways.
 pub(crate) fn pairs(width: u32, height: u32) -> Vec<(&'static str, RgbImage, RgbImage)> {
     let image = pattern(width, height);
     let mut one_pixel = image.clone();

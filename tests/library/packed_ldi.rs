@@ -1,4 +1,4 @@
-//! The packed LDI holds what was put in, and both validators catch every broken promise.
+//! The packed LDI preserves its samples, and both validators detect every violated invariant.
 
 use crate::common::bed::{leaves, room};
 use crate::common::capture::{one_layer, quick};
@@ -16,13 +16,12 @@ use headbox_cube::pack::{
 /// came from.
 const HALF_STEP: f64 = 0.5 / ((1 << 20) - 1) as f64 + 1e-7;
 
-/// The worst cell of the ring code, front side (see `splat_index`); the normals of a capture face
-/// the centre.
+/// Maximum error of the ring code, front side (see `splat_index`), degrees; the normals of a
+/// capture face the centre.
 const NORMAL_DEG: f64 = 2.9;
-/// The cosine from which on a surface is seen so much edge-on that a code may lie on its other side
-/// ...
+/// Cosine below which a surface is so nearly edge-on that its code may lie on the back side.
 const EDGE_ON: f64 = 0.06;
-/// ... and is moved by a ring, so that it faces the centre.
+/// Maximum error of such a code, which is moved by a ring to face the centre, degrees.
 const MOVED_DEG: f64 = 3.6;
 
 #[test]

@@ -1,4 +1,4 @@
-//! Promises of each kind of backdrop: squares of the walls in their places, and the rules of R2,
+//! Promises of each kind of backdrop: squares of the walls at their positions, and the rules of R2,
 //! R3, R8, R9.
 
 use crate::common::capture::one_layer;
@@ -20,7 +20,7 @@ use headbox_house::walk::Walker;
 use headbox_raster::PixelContent;
 use std::sync::Arc;
 
-/// The door from the first room to the second, as seen from the first.
+/// The door from the first room to the second, seen from the first.
 const FIRST_DOOR: PortalSide = PortalSide { portal: 0, side: 0 };
 
 fn first_door(house: &House) -> Opening {
@@ -39,14 +39,14 @@ fn with(kind: BackdropKind, near: Near) -> WalkSettings {
     }
 }
 
-/// Pixels from the border of a wall's square within which a backdrop may show the next one: its
-/// samples are two pixels apart in the frames below, a tent reaches as far again, and a sample lies
-/// anywhere in its pixel.
+/// Distance from the border of a wall's square within which a backdrop may show the next square,
+/// pixels: samples are two pixels apart in the frames below, a tent has a radius of two pixels, and
+/// a sample lies anywhere in its pixel.
 const BORDER_PX: i64 = 4;
 
-/// Share of the pixels further inside that may show another square than truth, by the kinds that
-/// know depth and what one image hides. None does but the cell's cube, whose samples from the
-/// middle of a room lie farther apart: 0.2 %.
+/// Maximum share of the pixels further inside that show another square than truth, for the kinds
+/// with depth and hidden surfaces. All have none, except the cell's cube, whose samples from the
+/// centre of a room are farther apart: 0.2 %.
 const WRONG_AT_MOST: f64 = 0.005;
 const WITHOUT_ERRORS: [BackdropKind; 7] = [
     BackdropKind::TwoImages,
@@ -108,8 +108,7 @@ fn backdrops_show_what_is_behind_and_only_there() {
     }
 }
 
-/// Colours seen by two eyes at the same places of a door's plane, levels of green; where both look
-/// through it.
+/// Green levels seen by two eyes at the same points of a door's plane, where both look through it.
 fn at_the_same_places(house: &House, [first, second]: [(&[[u8; 3]], &Camera); 2]) -> Vec<[u8; 2]> {
     let door = first_door(house);
     let mut seen = Vec::new();
@@ -210,7 +209,7 @@ fn nearest_texture_is_used() {
 #[test]
 fn near_door_open_far_door_backdrop() {
     let (house, mut walker, store) = (house(), Walker::new(), Store::new(1 << 30));
-    // The second door has no image: when the first is open, all that shows is geometry.
+    // The second door has no image: when the first is open, only geometry is visible.
     let image =
         Backdrop::capture(&house, FIRST_DOOR, BackdropKind::Texture, &QUALITY).expect("a capture");
     assert!(store.insert((FIRST_DOOR, BackdropKind::Texture), Arc::new(image)));
@@ -238,7 +237,7 @@ fn near_door_open_far_door_backdrop() {
             };
             assert_eq!(stats.portals, expected.0, "R3: {distance} m, {within} m");
             assert!(stats.backdrop_pixels >= expected.1);
-            // Behind an open door everything is right.
+            // Behind an open door everything is exact.
             let wrong = wrong_share(frame, &truth(&house, &camera), |_| true);
             assert!(
                 stats.portals == 1 || wrong < 0.001,
@@ -292,8 +291,8 @@ fn holes_keep_previous_content() {
     );
 }
 
-/// A wall of one colour three metres before the origin, captured from `centre`, as far as `covers`
-/// says of the wall's x.
+/// A wall of one colour three metres in front of the origin, captured from `centre` where `covers`
+/// is true for the wall's x.
 fn wall_from(centre: DVec3, color: [u8; 3], covers: impl Fn(f64) -> bool) -> CubeLdi {
     let [r, g, b] = color;
     let ldi = one_layer(centre, 64, &[Face::NegZ], |face, x, y| {
@@ -321,7 +320,7 @@ fn nearer_of_two_images_is_on_top() {
     };
     let look =
         |eye: DVec3| Camera::look_at(eye, eye - DVec3::Z, DVec3::Y, 50.0, [80, 60]).expect("valid");
-    // Where an eye meets the wall left of, between and right of the borders of what was captured.
+    // Rays to the wall left of, between and right of the borders of the captured parts.
     let colors = |cubes: &Backdrop, eye: DVec3| {
         let (mut drawer, camera) = (Drawer::default(), look(eye));
         let (frame, stats) = drawer.draw(cubes, &camera, &settings);

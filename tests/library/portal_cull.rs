@@ -1,5 +1,5 @@
-//! Portal culling never drops what shows: lines of sight through models of boxes with random
-//! openings, followed one by one.
+//! Portal culling never drops visible cells: lines of sight through boxes with random openings,
+//! followed one by one.
 
 use glam::{DVec2, DVec3, dvec3};
 use headbox_core::camera::Camera;
@@ -122,7 +122,7 @@ fn never_culls_what_shows() {
                 random.between(0.0, 4.0),
             );
             if view_number % 3 == 0 {
-                // On a portal's plane, or a hair in front of it or behind.
+                // On a portal's plane, or very close to it on either side.
                 let portal = &model.portals[view_number % model.portals.len()];
                 let middle = portal.polygon.iter().sum::<DVec3>() / portal.polygon.len() as f64;
                 eye = middle + random.in_cube([1e-12, 1e-6, 1e-4, 0.02][view_number % 4]);

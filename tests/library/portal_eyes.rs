@@ -1,11 +1,11 @@
-//! In which cell an eye stands, where walls and surfaces make that hard to say.
+//! The cell that contains an eye, in difficult cases.
 
 use glam::dvec3;
 use headbox_house::house::House;
 use headbox_house::walk_path::WalkPath;
 
-/// Eyes where walls of the built-in house meet, in planes of portals and a hair off; and every eye
-/// of a walk.
+/// Eyes where walls of the built-in house meet, in and very close to planes of portals; and every
+/// eye of a walk.
 #[test]
 fn eye_at_wall_junction_is_in_wall() {
     let house = House::new(headbox_scenes::house(0, 5_000)).expect("a valid model");
@@ -33,7 +33,7 @@ fn eye_at_wall_junction_is_in_wall() {
     }
 }
 
-/// Files often turn their surfaces the wrong way round, which must not make walls of rooms.
+/// Files often have inverted surfaces, which must not turn rooms into walls.
 #[test]
 fn inverted_rooms_are_rooms() {
     let model = headbox_scenes::house(0, 5_000);

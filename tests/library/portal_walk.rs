@@ -1,5 +1,5 @@
 //! A walk through three rooms: geometry against truth, at doors, in walls and without images;
-//! files, tours and paths. What backdrops promise: `portal_backdrops.rs`.
+//! files, tours and paths. For backdrops see `portal_backdrops.rs`.
 
 use crate::three_rooms::{
     QUALITY, camera, house, poses, rooms, stocked, three_rooms, truth, wrong_share,
@@ -110,7 +110,7 @@ fn crossing_door_changes_cell_once() {
     let house = house();
     let store = stocked(&house, BackdropKind::Texture);
     let mut walker = Walker::new();
-    // Wide enough that both doors are open all the way.
+    // Wide enough that both doors are always open.
     let near = Near::Distance(5.0);
     let settings = WalkSettings {
         backdrops: Some(BackdropKind::Texture),
@@ -215,8 +215,8 @@ fn house_file_round_trips() {
             bad[at] ^= 1 << (random.unit() * 8.0) as u32;
         }
         std::fs::write(&path, &bad).expect("written");
-        // A flip in the padding between sections changes nothing; all else is an error that names
-        // the file.
+        // A flipped bit in the padding between sections changes nothing; every other one is an
+        // error that names the file.
         match file::read(&path, 1 << 30) {
             Ok((_, stored, _)) => assert_eq!(stored.all(), store.all()),
             Err(error) => assert!(error.to_string().contains("a.house"), "{error}"),
@@ -441,6 +441,6 @@ fn only_smooth_views_become_sprites() {
     );
 }
 
-/// Mean difference of a sprite from truth, levels of green: in a frame this small the renderer's
-/// reduced copies of the picture blur the squares of the wall, which lie 7 to 38 levels apart.
+/// Mean difference of a sprite from truth, green levels: in a frame this small the mip levels of
+/// the texture blur the squares of the wall, which differ by 7 to 38 levels.
 const SPRITE_OFF_LEVELS: f64 = 16.0;

@@ -1,5 +1,5 @@
-//! Pictures on planes: nothing is seen elsewhere by more than the bound, frames are no worse, and
-//! every setting gives the same bits.
+//! Plane textures: no sample moves by more than the bound, frames are no worse, and every setting
+//! gives the same bits.
 
 use crate::common::bed::{Scene, Shape, leaves, room};
 use crate::common::capture::quick;
@@ -34,7 +34,7 @@ fn draw(cube: &CubeLdi, camera: &Camera) -> Frame {
         .clone()
 }
 
-/// The samples that a choice has taken out of a face, with their pixels.
+/// Samples that plane textures have replaced in a face, with their pixels.
 fn taken(all: &CubeSamples, rest: &CubeSamples, face: Face) -> Vec<(u32, u32, DepthPixel)> {
     let [all, rest] = [all, rest].map(|ldi| &ldi.faces[face.index()]);
     let mut taken = Vec::new();
@@ -76,7 +76,7 @@ fn shown_and_said(
     ]
 }
 
-/// Leaves before mountains so far away that a picture at infinity shows them.
+/// Leaves in front of mountains so far away that a texture at infinity shows them.
 fn mountains() -> Scene {
     let mut scene = leaves(6.0);
     scene.shapes.push(Shape::Disk {
@@ -87,7 +87,7 @@ fn mountains() -> Scene {
     scene
 }
 
-/// A wall that is curved a little, so that planes are cut where the bound ends them.
+/// A slightly curved wall, so that the error bound limits the size of planes.
 fn dome() -> Scene {
     Scene {
         shapes: vec![Shape::Sphere {
@@ -98,8 +98,8 @@ fn dome() -> Scene {
     }
 }
 
-/// Samples: what is left is drawn from where it is. Planes: in the room, among leaves, and where
-/// the bound decides, in the dome. A picture at infinity: the mountains.
+/// Remaining samples are drawn at their positions. Planes: in the room, among leaves, and in the
+/// dome, where the bound decides. A texture at infinity: the mountains.
 #[test]
 fn plane_textures_stay_within_bound() {
     const ERROR_PX: f64 = 0.5;
@@ -158,7 +158,7 @@ fn plane_textures_stay_within_bound() {
             let in_frame = |p: &[f64; 3]| {
                 (0.0..f64::from(width)).contains(&p[0]) && (0.0..f64::from(height)).contains(&p[1])
             };
-            // The bound is one for points that are both in the frame.
+            // The bound holds for points that are both in the frame.
             let away = focal_px / 10.0;
             let inner = |p: [f64; 3]| {
                 in_frame(&[p[0] - away, p[1] - away, 0.0])
@@ -188,7 +188,7 @@ fn plane_textures_stay_within_bound() {
                     .map(|f| f.samples.len() as u64)
                     .sum::<u64>()
         );
-        // Planes are kept in f32.
+        // Planes are stored in f32.
         assert!(worst <= ERROR_PX * 1.001, "{name}: {worst} px");
         assert!(
             name != "dome" || worst > 0.2 * ERROR_PX,
@@ -201,10 +201,10 @@ fn plane_textures_stay_within_bound() {
     }
 }
 
-/// A wall is drawn by few textures, a surface full of holes by smaller ones, which cost no more
-/// than its samples.
+/// A wall is drawn by few textures, a surface full of holes by smaller ones, which are no more
+/// expensive than its samples.
 #[test]
-fn pictures_are_as_large_as_pays() {
+fn texture_size_follows_cost() {
     for (scene, has_large) in [(room(6.0), true), (leaves(6.0), false)] {
         let mut ldi = quick(&scene, FACE_PX);
         let before: usize = ldi.faces.iter().map(|face| face.samples.len()).sum();
@@ -212,7 +212,7 @@ fn pictures_are_as_large_as_pays() {
         let left: usize = ldi.faces.iter().map(|face| face.samples.len()).sum();
         assert_eq!(set.samples, (before - left) as u64);
         let sides = || set.tiles.iter().flat_map(|tile| [tile.width, tile.height]);
-        // A line of texels more on each side where nothing else draws it.
+        // One more line of texels on each side where nothing else draws it.
         assert!(sides().all(|side| side <= 128 + 2), "{:?}", sides().max());
         assert!(
             sides().any(|side| side > 64 + 2) || !has_large,
@@ -222,8 +222,8 @@ fn pictures_are_as_large_as_pays() {
     }
 }
 
-/// A frame that shows next to no picture pays for a canvas all the same; a portal that shows the
-/// disk shows little else.
+/// A frame with almost no visible texture still needs a canvas for textures; a portal onto the disk
+/// shows little else.
 #[test]
 fn few_textures_skipped_in_wide_frames() {
     let disk = Shape::Disk {
@@ -257,8 +257,7 @@ fn few_textures_skipped_in_wide_frames() {
     }
 }
 
-/// Share of FLIP by which frames with pictures may be worse than those of all samples, in the mean
-/// over eyes.
+/// Relative increase of FLIP by plane textures over frames of all samples, mean over eyes.
 const LOSS_OF_FLIP: f64 = 0.05;
 
 #[test]
@@ -379,7 +378,7 @@ fn threads_bands_and_levels_change_no_bit() {
 
 #[test]
 fn textures_occlude_in_every_band() {
-    // A green picture 1.1 m ahead, before all that is there.
+    // A green texture 1.1 m ahead, in front of everything else.
     const SIDE: u16 = 150;
     let mut cube = CubeLdi::pack(
         &quick(&room(6.0), FACE_PX),
@@ -413,8 +412,8 @@ fn textures_occlude_in_every_band() {
         ..PlaneSet::default()
     };
     assert_eq!(cube.validate(), Ok(()));
-    // Samples are a few pixels wide, and more than the rows that a band looks at beside its own;
-    // and all about the picture.
+    // Samples a few pixels wide, more than the adjacent rows that a band reads, all around the
+    // texture.
     for (fov_deg, all_green) in [(20.0, true), (4.0, true), (90.0, false)] {
         let camera = Camera::look_at(
             dvec3(0.1, 0.05, 0.1),
@@ -463,8 +462,8 @@ fn textures_occlude_in_every_band() {
     }
 }
 
-/// Frames whose smaller pictures are made on the way; the seconds are those in which even a machine
-/// with much to do draws them.
+/// Number of frames within which mip levels are built, and the time in which even a busy machine
+/// draws them.
 const FRESH_FRAMES: usize = 600;
 const FRESH_SECONDS: u64 = 240;
 
@@ -505,7 +504,7 @@ fn mip_requests_do_not_block() {
 }
 
 #[test]
-fn depths_are_those_of_the_scene() {
+fn depths_equal_scene() {
     let scene = room(6.0);
     let cube = mixed(&quick(&scene, FACE_PX), 0.5);
     let camera = Camera::look_at(
@@ -527,7 +526,7 @@ fn depths_are_those_of_the_scene() {
             .hit(camera.eye(), d)
             .is_some_and(|hit| (hit.t / f64::from(**depth) - 1.0).abs() < 0.02)
     });
-    // The rest are rims: a pixel's depth is that of one of the surfaces in it.
+    // The rest are rims, where the depth of a pixel is that of one of its surfaces.
     let share = close.count() as f64 / frame.depth_m.len() as f64;
     assert!(share > 0.95, "{share}");
 }
@@ -587,7 +586,7 @@ fn zero_and_wide_bounds() {
 #[test]
 fn edge_on_and_back_facing_planes() {
     let cube = mixed(&quick(&room(6.0), 96), 0.5);
-    // In the plane of the floor, below it, and beyond a wall.
+    // In the plane of the floor, below it, and behind a wall.
     for eye in [
         dvec3(0.0, -1.5, 0.0),
         dvec3(0.0, -1.5 - 1e-12, 0.3),

@@ -1,4 +1,4 @@
-//! The rasteriser against the tracer, against arithmetic, and against itself in other parts.
+//! The rasteriser against the tracer, against arithmetic, and against itself in other divisions.
 
 use fearless_simd::Level;
 use glam::{DVec3, Vec2, Vec3, dvec3};
@@ -54,7 +54,7 @@ fn draw(scene: &Arc<Scene>, camera: &Camera) -> (RasterOutput, RasterStats) {
     (frame.clone(), *stats)
 }
 
-/// Triangles with a colour at each corner.
+/// A scene of triangles with a colour at each corner.
 fn scene_of(triangles: &[[DVec3; 3]]) -> Scene {
     let mut random = Rng::keyed(7);
     let positions: Vec<DVec3> = triangles.iter().flatten().copied().collect();
@@ -97,7 +97,7 @@ fn soup(count: usize) -> Scene {
     scene_of(&(0..count).map(triangle).collect::<Vec<_>>())
 }
 
-/// The scene with a texture on every other triangle, of so many repetitions a metre.
+/// Adds a texture to every other triangle, with `repetitions` per metre.
 fn painted(mut scene: Scene, repetitions: f64) -> Scene {
     let texture = Texture::from_fn(4, 4, |x, y| [(60 * x) as u8, (60 * y) as u8, 128, 255]);
     scene.textures.push(texture);
@@ -143,8 +143,8 @@ const EDGE_PX: f64 = 0.004;
 /// slope of at most about ten times the depth per frame here.
 const DEPTH: f32 = 2e-3;
 
-/// Compares every pixel with the tracer; returns how many differed but had an edge within
-/// [`EDGE_PX`].
+/// Compares every pixel with the tracer; returns the number of pixels that differ but have an edge
+/// within [`EDGE_PX`].
 fn compare_with_tracer(scene: Scene, camera: &Camera) -> usize {
     let scene = Arc::new(scene);
     let (frame, _) = draw(&scene, camera);
@@ -171,8 +171,7 @@ fn compare_with_tracer(scene: Scene, camera: &Camera) -> usize {
             );
             continue;
         }
-        // Of slivers a thousandth of a pixel wide, too, one of so many rays meets what there is of
-        // them.
+        // Even slivers a thousandth of a pixel wide are hit by one of this many rays.
         let around = (0..1024).map(|k| f64::from(k) * std::f64::consts::TAU / 64.0);
         let within = around
             .enumerate()
@@ -204,7 +203,7 @@ fn edge_on(tracer: &Tracer, camera: &Camera, hit: &Hit, x: f64, y: f64) -> f32 {
 }
 
 #[test]
-fn the_same_surfaces_as_the_tracer() {
+fn surfaces_equal_tracer() {
     let eye = dvec3(0.3, -0.2, 0.4);
     for (at, width, height) in [
         (dvec3(1.0, 0.2, -3.0), 97, 61),
@@ -225,8 +224,8 @@ fn the_same_surfaces_as_the_tracer() {
 fn triangles_that_reach_behind_the_eye() {
     for height in [1.5, 0.05, 0.001] {
         let quad = |a: DVec3, b: DVec3, c: DVec3, d: DVec3| [[a, b, c], [a, c, d]];
-        // Beyond, the tracer's own f32 errs by more than the height: its positions are relative to
-        // the eye too.
+        // Farther away the tracer's own f32 error exceeds the height: its positions are relative to
+        // the eye, too.
         let far = 20_000.0 * f64::min(height, 0.1);
         let floor = quad(
             dvec3(-far, 0.0, -far),
@@ -256,7 +255,7 @@ fn triangles_that_reach_behind_the_eye() {
 /// A jittered grid of triangles that covers the frame, flat and tilted, fine and coarse, partly
 /// behind the eye: every pixel is covered by one of them, and by a second one only on its edge.
 #[test]
-fn neighbours_leave_no_pixel_out_and_share_few() {
+fn adjacent_triangles_cover_every_pixel_and_share_few() {
     let mut random = Rng::keyed(11);
     for (side, reach, tilt) in [
         (3, 4.0, 0.0),
@@ -319,7 +318,7 @@ fn neighbours_leave_no_pixel_out_and_share_few() {
                 .for_each(|(i, n)| *n += u32::from(frame.seen(i) != PixelContent::Nothing));
         }
         assert!(times.iter().all(|&n| n >= 1), "side {side}, reach {reach}");
-        // A centre in 256 lies on an edge that runs through its pixel.
+        // One pixel centre in 256 lies on an edge that crosses the pixel.
         let shared = times.iter().filter(|&&n| n > 1).count();
         assert!(
             shared * 100 < times.len(),
@@ -328,10 +327,10 @@ fn neighbours_leave_no_pixel_out_and_share_few() {
     }
 }
 
-/// Walls whose panels were cut into pieces on one side only, as around a door: once they are
-/// stitched, from a thousand places no ray of light comes through where corners lie on edges.
+/// Walls whose panels were cut into pieces on one side only, as around a door: after stitching, no
+/// light leaks through T-junctions in views from a thousand positions.
 #[test]
-fn no_crack_opens_where_corners_lie_on_edges() {
+fn t_junctions_leave_no_cracks() {
     let mut random = Rng::keyed(5);
     let whole_panel = [
         dvec3(-1.0, -40.0, 0.0),
@@ -354,7 +353,7 @@ fn no_crack_opens_where_corners_lie_on_edges() {
         triangles.push([corner(-1.0, low), corner(40.0, low), corner(40.0, high)]);
         triangles.push([corner(-1.0, low), corner(40.0, high), corner(-1.0, high)]);
     }
-    // As a house stands in a plan: its numbers are not those of the axes.
+    // Rotated like a house in a plan: its walls are not parallel to the axes.
     let turn = glam::DMat3::from_rotation_y(0.4) * glam::DMat3::from_rotation_x(0.3);
     triangles
         .iter_mut()
@@ -385,7 +384,7 @@ fn no_crack_opens_where_corners_lie_on_edges() {
 
 #[test]
 fn same_bytes_for_bands_threads_levels() {
-    // Textures in copies of several sizes, and triangles with holes.
+    // Textures with mip levels, and triangles with holes.
     let mut scene = painted(soup(900), 0.7);
     scene.materials.push(Material {
         cutout: Some(Cutout {
@@ -439,13 +438,13 @@ fn same_bytes_for_bands_threads_levels() {
     }
 }
 
-/// sRGB levels: a pixel's weights may be those of a point 0.003 px away, and colours of these
-/// triangles change by at most 255 levels over some pixels.
+/// Tolerance, sRGB levels: a pixel's weights may be those of a point 0.003 px away, and colours of
+/// these triangles change by at most 255 levels over some pixels.
 const COLOR_LEVELS: i32 = 3;
 
 #[test]
-fn colours_are_those_of_the_surface_that_the_tracer_meets() {
-    // Magnified: a texel is larger than a pixel, so that no smaller copy is used.
+fn colours_equal_traced_surface() {
+    // Magnified: a texel is larger than a pixel, so no mip level is used.
     let scene = Arc::new(painted(soup(300), 0.02));
     let camera = camera(dvec3(0.3, -0.2, 0.4), dvec3(1.0, 0.2, -3.0), 97, 61);
     let (frame, _) = draw(&scene, &camera);
@@ -470,18 +469,18 @@ fn colours_are_those_of_the_surface_that_the_tracer_meets() {
         compared += 1;
         far_off += u32::from(apart > Some(COLOR_LEVELS));
     }
-    // Slivers and triangles of a pixel's size have all their colours within 0.003 px.
+    // Slivers and triangles of the size of a pixel have all their colours within 0.003 px.
     assert!(
         compared > 3000 && far_off * 50 < compared,
         "{far_off} of {compared}"
     );
 }
 
-/// On a floor a tenth of a millimetre under the eye, depths within a frame differ by 10^5; the
-/// colours of its corners change evenly over its 100 m, so that a pixel's colour tells where on the
-/// floor its weights are.
+/// On a floor 0.1 mm below the eye, depths within a frame differ by 10^5. The colours of its
+/// corners change linearly over its 100 m, so a pixel's colour gives the position of its weights on
+/// the floor.
 #[test]
-fn a_floor_just_under_the_eye_has_its_colours_in_their_places() {
+fn floor_just_below_eye_has_correct_colours() {
     let corners = [[-50.0, -50.0], [50.0, -50.0], [50.0, 50.0], [-50.0, 50.0]]
         .map(|[x, z]| dvec3(x, -1e-4, z));
     let even = |p: DVec3| Vec3::new(0.5 + p.x as f32 / 101.0, 0.5 + p.z as f32 / 101.0, 0.5);
@@ -500,8 +499,8 @@ fn a_floor_just_under_the_eye_has_its_colours_in_their_places() {
         }],
         ..Scene::default()
     };
-    // Head over: the first row is right under the eye, and the middle one 25 m away, 4e-6 rad under
-    // the horizon.
+    // Upside down: the first row is directly below the eye, and the middle one 25 m away, 4e-6 rad
+    // below the horizon.
     let camera = |up| {
         Camera::look_at(DVec3::ZERO, dvec3(0.3, -4e-6, -1.0), up, 100.0, [61, 97]).expect("valid")
     };
@@ -529,7 +528,7 @@ fn a_floor_just_under_the_eye_has_its_colours_in_their_places() {
 }
 
 #[test]
-fn minified_textures_turn_grey_and_cut_outs_have_holes() {
+fn minified_textures_average_and_cutouts_have_holes() {
     let checks = Texture::from_fn(64, 64, |x, y| {
         if (x + y) % 2 == 0 {
             [255; 4]
@@ -591,7 +590,7 @@ fn minified_textures_turn_grey_and_cut_outs_have_holes() {
 }
 
 #[test]
-fn markers_are_hidden_by_what_is_nearer_and_hide_what_is_farther() {
+fn markers_are_depth_tested() {
     let wall = |z: f64, from: f64| {
         [
             [
@@ -631,7 +630,7 @@ fn markers_are_hidden_by_what_is_nearer_and_hide_what_is_farther() {
 }
 
 #[test]
-fn nothing_breaks_on_the_smallest_frames_and_on_triangles_without_area() {
+fn tiny_frames_and_degenerate_triangles_are_drawn() {
     let mut triangles = vec![[DVec3::ZERO; 3], [dvec3(0.0, 0.0, -1.0); 3]];
     triangles.push([
         dvec3(-1.0, 0.0, -1.0),

@@ -1,4 +1,4 @@
-//! A report of a small scene, end to end: rows, and that all that people read agrees with them.
+//! A report of a small scene, end to end: its rows, and the agreement of all text with them.
 
 use headbox::DVec3;
 use headbox_lab::machine::Machine;
@@ -20,7 +20,7 @@ const WALL: &str = "from a wall of cameras";
 const CURVE: &str = "lumigraph's sampling curve (all layers)";
 const CLIPPING: &str = "clipping (one band, 1 thread)";
 
-/// Smallest effort with every row.
+/// Minimum effort that gives every row.
 const TINY: Quality = Quality {
     face_size_px: 16,
     strata: 4,
@@ -106,7 +106,7 @@ fn two_runs_agree_on_errors_to_the_last_digit() {
 }
 
 #[test]
-fn every_group_has_one_baseline_and_rows_that_make_sense() {
+fn every_group_has_one_baseline_and_plausible_rows() {
     let report = &*REPORT;
     let groups = report.groups("builtin:bump");
     let expected = [
@@ -152,7 +152,7 @@ fn every_group_has_one_baseline_and_rows_that_make_sense() {
                 && row.flicker.is_some(),
             "{row:?}"
         );
-        // Without noise an error is smaller, but for chance.
+        // Without noise an error is smaller, except by chance.
         assert!(
             row.own_psnr_db.is_none_or(|own| own > row.psnr_db - 0.3),
             "{row:?}"
@@ -182,7 +182,7 @@ fn every_group_has_one_baseline_and_rows_that_make_sense() {
         "one measurement, two groups"
     );
     let warp = report.group("builtin:bump", "incremental warp (single pixels, 1 thread)");
-    // Where rounding moves a pixel over a border it shows its neighbour: few pixels of 24x18.
+    // Rounding moves few pixels of 24x18 over a border, where they show the neighbour.
     assert!(warp.into_iter().all(|row| row.psnr_to_baseline_db > 25.0));
     let (rays, raster) = (
         find("representation", "1 ray/px, baked light"),
@@ -247,7 +247,7 @@ fn lumigraphs_are_judged_by_eyes_about_their_wall() {
             && merged.bytes > 4 * 4 * 24 * 18 * 8,
         "{merged:?}"
     );
-    // Fewer images take more layers.
+    // Fewer images need more layers.
     let layers = |row: &&Row| {
         row.variant
             .split(' ')
@@ -265,7 +265,7 @@ fn lumigraphs_are_judged_by_eyes_about_their_wall() {
     assert!(summary::summary(&REPORT).contains("Of the points of a lumigraph's sampling curve **"));
 }
 
-/// R-N6 and the rates count a depth pixel once a frame, in however many bands it is warped.
+/// R-N6 and the rates count a depth pixel once per frame, for any number of bands.
 #[test]
 fn depth_pixels_count_once_a_frame() {
     let find =
@@ -288,7 +288,7 @@ fn depth_pixels_count_once_a_frame() {
             row.variant
         );
     }
-    // The default draws in bands; what they have in common counts once.
+    // The default draws in bands; depth pixels in several bands count once.
     assert_eq!(
         find("representation", "LDI").depth_pixels_in,
         on.depth_pixels_in
@@ -310,7 +310,7 @@ fn depth_pixels_count_once_a_frame() {
 }
 
 #[test]
-fn truth_is_as_good_as_the_report_says() {
+fn truth_error_matches_report() {
     let facts = &REPORT.scenes[0];
     assert_eq!(facts.eyes.len(), 9);
     assert!(
@@ -396,7 +396,7 @@ fn sentences_agree_with_rows() {
         "{}",
         named.variant
     );
-    // The five lines name the same, or the choice itself.
+    // The five lines name the same variant, or the choice itself.
     assert!(
         five[4].contains(&format!("**{}**", named.variant)) || named.variant == choice,
         "{}",

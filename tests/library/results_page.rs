@@ -1,5 +1,5 @@
-//! `docs/results.md`, its charts and its CSV file are generated from the recorded reports, and are
-//! not edited.
+//! `docs/results.md`, its charts and its CSV file are generated from the recorded reports and not
+//! edited by hand.
 
 use headbox_lab::report::figures::figures;
 use headbox_lab::report::promises::PROMISES;
@@ -16,7 +16,7 @@ fn docs(name: &str) -> String {
 }
 
 #[test]
-fn the_page_and_its_charts_come_from_the_report_beside_them() {
+fn page_and_charts_match_recorded_report() {
     let report: Report = serde_json::from_str(&docs("results/report.json")).expect("a report");
     let has_walk = Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("docs/results/walk.json")
@@ -48,10 +48,9 @@ fn words(text: &str) -> String {
     text.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
-/// That the promises hold is measured anew by CI (`headbox report --quick --promises`), and not
-/// read off a file.
+/// CI measures the promises themselves (`headbox report --quick --promises`).
 #[test]
-fn the_readme_says_what_a_report_can_hold_it_to() {
+fn readme_states_only_tested_figures() {
     let readme = words(&docs("../README.md"));
     for promise in PROMISES {
         assert!(
@@ -60,8 +59,7 @@ fn the_readme_says_what_a_report_can_hold_it_to() {
             promise.says
         );
     }
-    // A number with a unit of measurement beside it would be a figure that nothing stands behind;
-    // one is promised above.
+    // Any other number with a unit would be an untested figure; one is promised above.
     let words: Vec<&str> = readme.split(' ').collect();
     let units = ["ms", "dB", "fps", "times", "Mrays/s", "%"];
     let is_figure = |pair: &&[&str]| {

@@ -18,14 +18,14 @@ const FACE_PX: u32 = 160;
 const SIZE: [u32; 2] = [120, 90];
 const EYES: usize = 2;
 
-/// Frame pixels for one face pixel, on the axis: f2/f1.
+/// Frame pixels per face pixel on the axis: f2/f1.
 const RATIOS: [f64; 4] = [0.5, 1.3, 2.0, 3.0];
 
-/// By how many dB a kernel's mean PSNR may at most be below a bilinearly resampled ray-traced cube
-/// map of equal face size, from the centre at f2/f1 = 1.3: found 1.0 and 1.1 dB, plus 0.3 dB.
+/// Maximum loss of a kernel's mean PSNR relative to a bilinearly resampled ray-traced cube map of
+/// equal face size, from the centre at f2/f1 = 1.3, dB: measured 1.0 and 1.1 dB, plus 0.3 dB.
 const BELOW_CUBE_MAP_DB: [f64; 2] = [1.3, 1.4];
 
-/// By how many dB the PSNR may fall from the centre to eyes anywhere in the headbox.
+/// Maximum loss of PSNR from the centre to eyes anywhere in the headbox, dB.
 const OFF_CENTRE_DB: f64 = 1.5;
 
 /// Largest loss by packing depth pixels into 8 bytes, with all 11 bits for the normal, at any of
@@ -113,7 +113,7 @@ fn tents_come_near_a_cube_map_and_beat_the_other_kernels() {
                 println!("{:16}holes {:.3} %", "", 100.0 * holes as f64 / pixels);
             }
         }
-        // Of depth pixels before they are packed.
+        // Unpacked depth pixels.
         let exact = ExactCube::pack(&ldi, SplatIndexLayout::Normal, Split::Auto).expect("packs");
         for (kernel, packed) in [(SplatKernel::Tent, 5), (SplatKernel::Ellipse, 7)] {
             let (mut renderer, settings) = (

@@ -30,13 +30,13 @@ fn render(
     (outcome, frame)
 }
 
-/// Half a level of final rounding, 0.023 of the weights' rounding (see `sampling.rs`), and
-/// positions that are off by a few 1e-6 px at a contrast of 255 levels per pixel. What OpenCV 5
-/// reaches at 1024x1024.
+/// Tolerance: half a level of final rounding, 0.023 of the weights' rounding (see `sampling.rs`),
+/// and positions that are off by a few 1e-6 px at a contrast of 255 levels per pixel. Equal to the
+/// error of OpenCV 5 at 1024x1024.
 const HOMOGRAPHY_TOLERANCE: f64 = 0.53;
 
-/// The warp of the speed comparison: turn, scale and perspective; positions count from pixel
-/// corners.
+/// The warp of the speed comparison: rotation, scale and perspective; the origin of positions is a
+/// pixel corner.
 fn benchmark_homography(n: f64) -> DMat3 {
     let (sin, cos) = 12.0f64.to_radians().sin_cos();
     let c = n / 2.0;
@@ -51,7 +51,7 @@ fn benchmark_homography(n: f64) -> DMat3 {
 }
 
 #[test]
-fn the_homography_samples_as_exactly_as_bilinear_weights_allow() {
+fn homography_error_is_within_bilinear_rounding() {
     for n in [64, 256, 1000] {
         let mut picture = picture(n);
         for (x, y, pixel) in picture.enumerate_pixels_mut() {
@@ -102,7 +102,7 @@ fn matted(size: u32) -> RgbaImage {
 }
 
 #[test]
-fn no_displacement_is_the_homography_bit_for_bit() {
+fn zero_displacement_equals_homography() {
     for (grid, picture) in [(130, picture(130)), (130, matted(130)), (33, matted(130))] {
         let prepared = PreparedSprite::new(sprite(130, picture, Displacement::zero(grid, grid)));
         for target in views(150) {
@@ -193,16 +193,16 @@ fn levels_and_threads_do_not_change_a_bit() {
 /// Levels per pixel of [`ramps`].
 const SLOPE: f64 = 250.0;
 
-/// Red rises and falls from column to column, green from row to row, as steeply as 8 bits allow: so
-/// a level is 1/250 px.
+/// Red rises and falls along columns, green along rows, as steeply as 8 bits allow, so a level is
+/// 1/250 px.
 fn ramps(size: u32) -> RgbaImage {
     RgbaImage::from_fn(size, size, |x, y| {
         Rgba([(x % 2 * 250) as u8, (y % 2 * 250) as u8, 0, 255])
     })
 }
 
-/// Errors of a variant's source addresses, pixels; those of affine parallax against its own
-/// promise: the third component of the epipole is 0 (S8).
+/// Errors of a variant's source addresses, pixels; for affine parallax relative to its own model,
+/// in which the third component of the epipole is 0 (S8).
 struct AddressError {
     median: f64,
     max: f64,
@@ -332,7 +332,7 @@ fn eight_bits_are_enough_for_fifty_pixels_of_parallax() {
 }
 
 #[test]
-fn the_printed_equations_are_off_where_the_plane_leans() {
+fn printed_equations_err_on_tilted_planes() {
     let target = look(dvec3(0.9, 0.4, 1.3), dvec3(0.02, 0.0, 0.0), 512);
     let waves = Waves {
         amplitude: 0.02,
@@ -364,8 +364,8 @@ fn the_printed_equations_are_off_where_the_plane_leans() {
 }
 
 #[test]
-fn affine_parallax_moves_every_pixel_in_one_direction_by_its_displacement() {
-    // Toward the plane, so that the epipole lies in the sprite and its third component counts.
+fn affine_parallax_is_parallel() {
+    // Toward the plane, so that the epipole lies in the sprite and its third component matters.
     let target = look(dvec3(0.3, 0.2, 1.1), dvec3(0.02, 0.0, 0.0), 512);
     let waves = Waves {
         amplitude: 0.05,
@@ -383,7 +383,7 @@ fn affine_parallax_moves_every_pixel_in_one_direction_by_its_displacement() {
         affine.parallax, affine.median, affine.max
     );
     assert!(affine.max <= SMOOTH_TOLERANCE_PX, "S8: {} px", affine.max);
-    // With the epipole where it is the pixels go elsewhere, or the test would see no difference.
+    // With the true epipole the pixels move differently, else the test would be void.
     let displacement = waves.displacement(256, DisplacementFormat::F32);
     let prepared = PreparedSprite::new(sprite(256, picture(256), displacement));
     let transfer = SpriteTransfer::new(prepared.sprite().sprite(), &target).expect("in front");
@@ -437,8 +437,8 @@ fn degenerate_views_are_transparent_and_named() {
 }
 
 #[test]
-fn the_nearer_surface_wins_where_the_sprite_folds() {
-    // A tall step: its right half, nearer by far, slides over the left half.
+fn nearer_surface_wins_at_folds() {
+    // A tall step: its right half, much nearer, moves over the left half.
     let size = 96;
     let mut color = RgbaImage::from_pixel(size, size, Rgba([255, 0, 0, 255]));
     let step = |x: u32| x >= size / 2;
@@ -506,15 +506,15 @@ fn first_crack(height: impl Fn(f32) -> f32, format: DisplacementFormat) -> Optio
     };
     SpriteRenderer::new().render_transfer(&prepared, &transfer, &options, &mut frame);
     let row = &frame.pixels()[192 * 48..192 * 49];
-    // A pixel at either end is left to rounding.
+    // One pixel at either end depends on rounding.
     let end = 58 + (90.0 * height(39.0 / 40.0)) as usize;
     (22..end).find(|&x| row[x] != [0, 255, 0, 255])
 }
 
 #[test]
-fn a_near_surface_that_is_stretched_has_no_cracks() {
-    // Stretched by 2.8 to 4.6; both rise steeply, one straight, one bent so much that its cells
-    // move one by one.
+fn stretched_near_surface_has_no_cracks() {
+    // Stretched by 2.8 to 4.6; both rise steeply, one linearly, one so curved that its cells move
+    // separately.
     for format in [DisplacementFormat::I8, DisplacementFormat::F32] {
         assert_eq!(
             first_crack(|t| 0.8 * t, format),
@@ -586,8 +586,7 @@ fn a_flat_picture_shrinks_to_its_mean() {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 200, ..ProptestConfig::default() })]
 
-    /// Any eye, any displacement: frames are valid premultiplied pictures, whatever is behind,
-    /// beside or inside.
+    /// For any eye and displacement, frames are valid premultiplied images.
     #[test]
     fn any_view_gives_a_valid_frame(
         eye in prop::array::uniform3(-3.0..3.0f64),

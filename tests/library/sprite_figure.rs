@@ -25,13 +25,14 @@ use std::sync::Arc;
 
 const SIZE: u32 = 256;
 
-/// Size of the frames by which ranges are judged: enough to tell variants apart.
+/// Size of the frames by which ranges are measured: enough to distinguish variants.
 const RANGE_SIZE: u32 = 144;
 
-/// Half of the plane's edge, metres: all of it is in the picture.
+/// Half of the plane's edge, metres: all of it is in the image.
 const HALF: f64 = 1.65;
 
-/// A square in the plane z = 0 with something on it, checked; what rises is warm, the plane cold.
+/// A square in the plane z = 0 with a relief, chequered in warm colours on the relief and cold ones
+/// on the plane.
 fn on_plane(height: impl Fn(f64, f64) -> f64) -> Tracer {
     const CELLS: u32 = 256;
     let mut scene = Scene::default();
@@ -108,7 +109,7 @@ fn truth_at(tracer: &Tracer, target: &Camera) -> RgbImage {
         &Silent,
     )
     .frame;
-    // Before white, as the sprites are drawn.
+    // On white, like the sprites.
     RgbImage::from_fn(target.width(), target.height(), |x, y| {
         let at = (y * target.width() + x) as usize;
         let share = f32::from(frame.coverage[at].splat_share()) / 255.0;
@@ -136,7 +137,7 @@ fn draw(
 
 const WHITE: [u8; 3] = [255; 3];
 
-/// The same sprite coloured by its displacement: what the paper shows of depth maps.
+/// The same sprite coloured by its displacement, like the depth maps in the paper.
 fn colored_by_depth(sprite: &SpriteWithDepth) -> PreparedSprite {
     let values = sprite.displacement().to_f32();
     let largest = values.iter().fold(1e-6f32, |max, v| max.max(*v));
@@ -164,7 +165,7 @@ fn pure_parallax(depth: &PreparedSprite, target: &Camera) -> RgbImage {
 fn opaque(picture: &RgbaImage) -> RgbImage {
     RgbImage::from_fn(picture.width(), picture.height(), |x, y| {
         let [r, g, b, a] = picture.get_pixel(x, y).0;
-        // Before white, as everything here.
+        // On white, like all images here.
         Rgb([r, g, b]
             .map(|c| ((u32::from(c) * u32::from(a) + 255 * (255 - u32::from(a))) / 255) as u8))
     })
@@ -272,8 +273,8 @@ fn figure_3() {
     assert!(flip_e < flip_forward, "{flip_e} {flip_forward}");
 }
 
-/// Captures one sprite as `reference` sees the scene and judges every variant as the eye moves.
-/// Writes a table and a chart; returns FLIP by displacement and variant.
+/// Captures one sprite from `reference` and measures every variant for a moving eye. Writes a table
+/// and a chart; returns FLIP by displacement and variant.
 fn range_chart(
     name: &str,
     tracer: &Tracer,
@@ -320,7 +321,7 @@ fn flip_over_eye_displacement_on_bump() {
     let reference = reference.expect("valid");
     let tracer = Tracer::new(scene, reference.eye());
     let rows = range_chart("bump", &tracer, &reference);
-    // Beyond, most of what is seen is not in the sprite, and nothing helps.
+    // Farther away, most of the frame is not in the sprite, for any variant.
     for [homography, one_pass, two_pass, ..] in &rows[1..7] {
         assert!(
             two_pass < one_pass && one_pass < homography,
@@ -348,7 +349,7 @@ fn flip_over_eye_displacement_in_a_real_house() {
         (low + high) / 2.0,
     ));
     let tracer = Tracer::new(scene, headbox.centre);
-    // Toward the side with the most room.
+    // Toward the side with the most space.
     let sides = [DVec3::X, DVec3::NEG_X, DVec3::Z, DVec3::NEG_Z];
     let room = |side: DVec3| {
         let camera = Camera::look_at(
@@ -387,7 +388,7 @@ fn flip_over_eye_displacement_in_a_real_house() {
 }
 
 #[test]
-fn four_layers_stand_in_for_a_scene() {
+fn four_layers_approximate_scene() {
     let scene = headbox_scenes::build("sprites", 0).expect("built in");
     let tracer = Tracer::new(Arc::new(scene), DVec3::ZERO);
     let mut lighting = Lighting::of_scene(&tracer, 0);

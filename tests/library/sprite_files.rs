@@ -31,7 +31,7 @@ fn two_sprites() -> SpriteSet {
 }
 
 #[test]
-fn files_come_back_as_they_were() {
+fn files_round_trip() {
     let dir = tempfile::tempdir().expect("folder");
     let path = dir.path().join("a.sprite");
     let set = two_sprites();
@@ -56,7 +56,7 @@ fn damaged_files_are_refused() {
         let mut bad = good.clone();
         bad[i] ^= 1 << (i % 8);
         std::fs::write(&path, &bad).expect("written");
-        // Padding between sections is not covered; then nothing has changed.
+        // Padding between sections is not checked; a change there has no effect.
         if let Ok(read) = SpriteSet::read(&path) {
             assert_eq!(
                 read.sprites()[1].sprite(),
@@ -70,7 +70,7 @@ fn damaged_files_are_refused() {
 }
 
 #[test]
-fn pictures_out_and_in_give_the_same_depth() {
+fn exported_depth_imports_unchanged() {
     let dir = tempfile::tempdir().expect("folder");
     let [color, depth] = ["color.png", "depth.exr"].map(|name| dir.path().join(name));
     let original = sprite(
@@ -137,7 +137,7 @@ fn each_eye_gets_its_own_order() {
         place(0) < place(1),
         "of those on one side of the eye the farther comes first: {between:?}"
     );
-    // A floor whose middle is nearer than what stands on it is still drawn first.
+    // A floor whose centre is nearer than the object on it is still drawn first.
     let floor = card([1, 1, 1, 255], dvec3(0.0, -1.0, 0.0), dvec3(0.0, 1.0, 1e-3));
     let standing = card([2, 2, 2, 255], dvec3(0.0, 0.1, -0.8), DVec3::Z);
     assert_eq!(
@@ -256,7 +256,7 @@ fn bad_parts_are_named() {
     let sprite = Sprite::new(color, camera, plane).expect("valid");
     let finer = SpriteWithDepth::new(sprite.clone(), Displacement::zero(9, 8));
     assert!(matches!(finer, Err(SpriteError::DisplacementSize { .. })));
-    // Nothing visible: a frame of nothing.
+    // Nothing visible: an empty frame.
     let set = SpriteSet::new(vec![
         SpriteWithDepth::new(sprite, Displacement::zero(1, 1)).expect("valid"),
     ]);

@@ -6,7 +6,7 @@ use headbox_sprite::{
 };
 use image::{Rgba, RgbaImage};
 
-/// A camera two metres before the origin, off axis a little, `size` pixels a side.
+/// A camera two metres in front of the origin, slightly off axis, of `size` x `size` pixels.
 pub(crate) fn camera(size: u32) -> Camera {
     look(dvec3(0.05, -0.03, 2.0), DVec3::ZERO, size)
 }
@@ -15,7 +15,7 @@ pub(crate) fn look(eye: DVec3, at: DVec3, size: u32) -> Camera {
     Camera::look_at(eye, at, DVec3::Y, 50.0, [size, size]).expect("valid camera")
 }
 
-/// A picture in which every distortion shows.
+/// An image in which every distortion is visible.
 pub(crate) fn picture(size: u32) -> RgbaImage {
     RgbaImage::from_fn(size, size, |x, y| {
         let check = if (x / 8 + y / 8) % 2 == 0 { 220 } else { 40 };
@@ -46,17 +46,17 @@ impl Waves {
     }
 }
 
-/// A sprite of `size` pixels a side on a plane that leans a little.
+/// A sprite of `size` x `size` pixels on a slightly tilted plane.
 pub(crate) fn sprite(size: u32, picture: RgbaImage, displacement: Displacement) -> SpriteWithDepth {
     let plane = SpritePlane::through(DVec3::ZERO, dvec3(0.15, -0.1, 1.0));
     let sprite = Sprite::new(picture, camera(size), plane).expect("valid sprite");
     SpriteWithDepth::new(sprite, displacement).expect("sizes agree")
 }
 
-/// The exact inverse of Eq. 4: the source position of the nearest surface that is seen at (x2, y2),
+/// Exact inverse of Eq. 4: the source position of the nearest surface that is visible at (x2, y2),
 /// by search along the line of candidates `(x3, y3, 1) - d e*` for `surface(x1, y1) = d w1`.
 /// Displacements between `low` and `high` of the moved field are tried in steps, each change of
-/// sign is refined by bisection; the largest times `side` wins.
+/// sign is refined by bisection; the largest displacement times `side` wins.
 pub(crate) fn exact_source(
     transfer: &SpriteTransfer,
     surface: &dyn Fn(f64, f64) -> f64,
@@ -115,7 +115,7 @@ pub(crate) fn bilinear(picture: &RgbaImage, x: f64, y: f64) -> [f64; 4] {
             return [0.0; 4];
         }
         let [r, g, b, a] = picture.get_pixel(x as u32, y as u32).0.map(f64::from);
-        // The renderer holds premultiplied bytes: so does its oracle.
+        // The renderer stores premultiplied bytes, and so does its oracle.
         [r, g, b, 255.0].map(|c| (c * a / 255.0).round())
     };
     [0, 1, 2, 3].map(|c| {

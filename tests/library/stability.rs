@@ -1,10 +1,10 @@
-//! Every hard case of STABILITY.md holds its bound. The page is made by `headbox report
-//! --stability`, of more seeds.
+//! Every hard case of STABILITY.md holds its bound. `headbox report --stability` writes the page
+//! with more seeds.
 
 use headbox_lab::stability;
 use headbox_lab::stability::Case;
 
-/// Seeds of each case here; the page has more.
+/// Seeds of each case in this test; the page has more.
 const SEEDS: std::ops::Range<u64> = 0..3;
 
 fn all_hold(topic: usize) {
@@ -74,7 +74,7 @@ fn photographs() {
 }
 
 #[test]
-fn names_are_unique_and_a_broken_bound_is_found() {
+fn names_are_unique_and_broken_bound_fails() {
     let cases: Vec<Case> = stability::topics()
         .into_iter()
         .flat_map(|(_, cases)| cases)

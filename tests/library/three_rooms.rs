@@ -1,4 +1,4 @@
-//! Three rooms in a row for the tests of houses, what is behind their doors, and truth.
+//! Three rooms in a row for the tests of houses, their backdrops, and truth.
 
 use glam::{DVec2, DVec3, Vec3, dvec3};
 use headbox_core::camera::Camera;
@@ -76,7 +76,7 @@ pub(crate) fn three_rooms() -> PortalModel {
     rooms(Some([dvec3(2.2, 0.0, 2.4), dvec3(2.9, 0.7, 3.2)]))
 }
 
-/// With a box in each room, relative to its corner.
+/// The three rooms with a box in each, relative to the room's corner.
 pub(crate) fn rooms(cuboid: Option<[DVec3; 2]>) -> PortalModel {
     let mut build = Build::default();
     let mut cells = Vec::new();
@@ -136,7 +136,7 @@ pub(crate) fn rooms(cuboid: Option<[DVec3; 2]>) -> PortalModel {
                 color,
             );
         }
-        // The half of each wall that faces this room; two sheets a hair apart.
+        // The half of each wall that faces this room; the two sheets are very close.
         for (wall, inside) in [(x0, 0.0002), (x1, -0.0002)] {
             if wall > 0.0 && wall < 12.0 {
                 let x = wall + inside;
@@ -249,7 +249,7 @@ pub(crate) fn camera(eye: DVec3, at: DVec3) -> Camera {
     Camera::look_at(eye, at, DVec3::Y, 65.0, [80, 64]).expect("valid")
 }
 
-/// A camera at the same place with `scale` times the pixels.
+/// A camera at the same position with `scale` times the pixels.
 pub(crate) fn enlarged(camera: &Camera, scale: u32) -> Camera {
     let (width, height) = (camera.width() * scale, camera.height() * scale);
     Camera::from_parts(
@@ -285,10 +285,11 @@ pub(crate) fn truth(house: &House, camera: &Camera) -> Vec<[u8; 3]> {
     (0..camera.width() * camera.height()).map(pixel).collect()
 }
 
-/// Levels by which a colour may differ from truth and still be the same square of a wall.
+/// Maximum difference in levels of two colours of the same square of a wall.
 pub(crate) const SAME_SQUARE_LEVELS: u8 = 4;
 
-/// Share of the pixels that `counts` whose colour is that of no truth pixel within one pixel.
+/// Among the pixels for which `counts` is true, the share that matches no truth pixel within one
+/// pixel.
 pub(crate) fn wrong_share(frame: &Frame, truth: &[[u8; 3]], counts: impl Fn(usize) -> bool) -> f64 {
     let (width, height) = (i64::from(frame.width), i64::from(frame.height));
     let (mut wrong, mut all) = (0, 0);
@@ -345,8 +346,8 @@ fn is_same_square(a: [u8; 3], b: [u8; 3]) -> bool {
     (0..3).all(|c| a[c].abs_diff(b[c]) <= SAME_SQUARE_LEVELS)
 }
 
-/// Share of wrong pixels among those that `counts` and lie at least `reach` pixels within a square;
-/// and their number.
+/// Share of wrong pixels among those for which `counts` is true and that lie at least `reach`
+/// pixels inside a square, and the number of the latter.
 pub(crate) fn wrong_squares(
     frame: &Frame,
     truth: &[[u8; 3]],
@@ -364,7 +365,7 @@ pub(crate) fn wrong_squares(
     )
 }
 
-/// Mean difference of the pixels that `counts` from truth, levels.
+/// Mean difference from truth of the pixels for which `counts` is true, levels.
 pub(crate) fn mean_error(frame: &Frame, truth: &[[u8; 3]], counts: impl Fn(usize) -> bool) -> f64 {
     let counted: Vec<usize> = (0..frame.color.len()).filter(|&i| counts(i)).collect();
     let off = |i: &usize| {

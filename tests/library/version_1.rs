@@ -1,6 +1,5 @@
-//! Files of version 1, written before what a capture is asked for and the axes of its scene became
-//! types of their own, stay readable: `tests/version_1` holds one of each kind, `tests/corpus` a
-//! house.
+//! Files of version 1, older than the types of capture parameters and scene axes, stay readable:
+//! `tests/version_1` has one of each kind, `tests/corpus` a house.
 
 use headbox_core::file_frame::{FileFrame, UpAxis};
 use headbox_cube::model::parameters::MergeRule;
@@ -89,7 +88,7 @@ fn houses() {
 }
 
 #[test]
-fn what_is_written_now_has_the_same_names() {
+fn current_files_have_same_names() {
     let cube = CubeLdi::read(&old("cube.ldi")).expect("readable");
     let written = serde_json::to_value(&cube.info).expect("JSON");
     for name in [

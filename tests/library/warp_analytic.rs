@@ -1,4 +1,4 @@
-//! Frames whose every pixel is known in closed form.
+//! Frames in which every pixel has a closed form.
 
 use crate::common::bed::{leaves, room};
 use crate::common::capture::{one_layer, quick};
@@ -61,7 +61,8 @@ fn the_identity_warp_is_the_identity() {
             .map(|s| s.color_srgb)
             .collect();
         for (layout, kernel) in LAYOUTS.into_iter().flat_map(|l| KERNELS.map(|k| (l, k))) {
-            // The paper's table knows normals to 30 degrees only and enlarges some splats.
+            // The paper's table has a resolution of 30 degrees for normals and enlarges some
+            // splats.
             let facing = kernel == SplatKernel::Paper;
             let mut ldi = ldi.clone();
             for sample in ldi.faces[face.index()]
@@ -79,7 +80,7 @@ fn the_identity_warp_is_the_identity() {
                 &with(kernel),
             );
             assert_eq!(stats.hole_pixels, 0);
-            // With 5-bit depth codes the paper's widths may exceed one pixel by a hair.
+            // With 5-bit depth codes the paper's widths may slightly exceed one pixel.
             if layout == SplatIndexLayout::Normal || kernel != SplatKernel::Paper {
                 assert!(frame.color == expected, "{face:?} {layout:?} {kernel:?}");
             }
@@ -158,7 +159,7 @@ fn a_slanted_plane_warps_to_its_homography() {
     }
 }
 
-/// The project's promise for eyes anywhere in the headbox.
+/// Maximum share of hole pixels for eyes anywhere in the headbox: a promise of the project.
 const HOLE_SHARE: f64 = 0.001;
 
 #[test]
@@ -200,7 +201,7 @@ fn a_closed_room_has_no_holes() {
 }
 
 #[test]
-fn the_environment_shows_where_nothing_is_and_only_there() {
+fn environment_shows_only_where_rays_miss() {
     let cube = pack(&quick(&leaves(20.0), 64), SplatIndexLayout::Normal);
     let look =
         |to: DVec3| Camera::look_at(DVec3::ZERO, to, DVec3::Z, 50.0, [64, 64]).expect("valid");
@@ -265,8 +266,8 @@ fn odd_frame_sizes_and_extreme_cameras_are_drawn() {
                 }
             }
         }
-        // Far away, inside a wall, and at positions that are not numbers: nothing to see, but no
-        // failure.
+        // Far away, inside a wall, and at positions that are not numbers: nothing is visible, but
+        // nothing fails.
         for eye in [
             dvec3(1e9, 0.0, 0.0),
             dvec3(3.5, 0.0, 0.0),
@@ -280,7 +281,7 @@ fn odd_frame_sizes_and_extreme_cameras_are_drawn() {
 }
 
 #[test]
-fn a_renderer_keeps_nothing_of_its_last_frame() {
+fn frames_do_not_depend_on_last_frame() {
     let (first, second) = (quick(&room(20.0), 32), quick(&leaves(20.0), 24));
     let camera = |size| {
         Camera::look_at(

@@ -54,7 +54,7 @@ fn draw(cube: &CubeLdi, camera: &Camera, settings: RenderSettings, threads: usiz
     (frame.clone(), stats.depth_pixels_in)
 }
 
-/// Least saving by clipping over segments that are culled whole: the mean over views inside the
+/// Minimum saving by clipping relative to culling of whole segments, mean over views inside the
 /// headbox.
 const CLIPPING_SAVES: f64 = 1.5;
 
@@ -96,8 +96,8 @@ fn clipping_counts_are_what_is_drawn() {
         }
         let mean = savings.iter().sum::<f64>() / savings.len() as f64;
         assert!(mean > CLIPPING_SAVES, "{mean}");
-        // From the centre nothing of the face behind can show, and all of the others but the one in
-        // front is at most clipped.
+        // From the centre, the face behind is invisible, and all others except the front one are at
+        // most clipped.
         let ahead =
             Camera::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, 60.0, [64, 48]).expect("valid");
         let counts = renderer.clip_counts(&cube, &ahead, &RenderSettings::default());
@@ -232,8 +232,8 @@ fn frames_of_every_size_are_drawn() {
     }
 }
 
-/// Positions in a part of a frame are rounded from its own principal point: some borders fall on
-/// the other side of a pixel's centre, and blends are off by their last bits.
+/// Tolerances: positions in a part of a frame are rounded relative to its own principal point, so
+/// some borders fall on the other side of a pixel's centre, and blends differ in their last bits.
 const ROUNDED_LEVELS: u8 = 3;
 const ROUNDED_SHARE: f64 = 0.003;
 

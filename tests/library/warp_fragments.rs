@@ -1,4 +1,4 @@
-//! Fragments between epipolar lines (P5, P6, C16), a baseline of the laboratory, against one band
+//! Fragments between epipolar lines (P5, P6, C16), a baseline of the `lab` crate, against one band
 //! on one thread.
 
 use crate::common::bed::{leaves, room};
@@ -169,7 +169,7 @@ fn fragments_give_serial_frame() {
     let mut passes = [0; 2];
     for (c, cube) in cubes().iter().enumerate() {
         for (i, (name, eye)) in eyes().into_iter().enumerate() {
-            // Every other time with an epipole in the middle of the frame, if there is one.
+            // Every other view has an epipole in the centre of the frame, if there is one.
             let ahead = if i % 2 == 0 {
                 dvec3(eye.x, eye.y, -3.0)
             } else {
@@ -283,8 +283,8 @@ fn odd_sizes_give_serial_frame() {
     );
 }
 
-/// Bound of the largest fragment over the mean: samples are counted in every fourth row, in runs of
-/// 16 columns, which are wide near an epipole.
+/// Bound of the largest fragment relative to the mean: samples are counted in every fourth row, in
+/// runs of 16 columns, which are wide near an epipole.
 const UNEVEN: f64 = 1.25;
 
 #[test]

@@ -19,7 +19,7 @@ fn pack(ldi: &CubeSamples) -> CubeLdi {
     CubeLdi::pack(ldi, SplatIndexLayout::Normal, Split::Auto).expect("packs")
 }
 
-/// A wall of one colour 1 m before the centre, filling the face -Z.
+/// A wall of one colour 1 m in front of the centre, filling the face -Z.
 fn wall(normal: impl Fn(f64, f64) -> Vec3) -> CubeSamples {
     one_layer(DVec3::ZERO, 40, &[Face::NegZ], |_, x, y| {
         let normal = EncodedNormal::new(normal(x, y));
@@ -35,8 +35,8 @@ fn camera(eye: DVec3, to: DVec3) -> Camera {
     Camera::look_at(eye, to, DVec3::Y, 40.0, [50, 40]).expect("valid")
 }
 
-/// Levels by which colour times coverage may be off in the kernels that blend it in 8 bits: half a
-/// level for each of the last few blends.
+/// Tolerance of colour times coverage in the kernels that blend in 8 bits, levels: half a level for
+/// each of the last few blends.
 const BLENDED_LEVELS: f64 = 2.0;
 
 fn stats(cube: &CubeLdi, camera: &Camera, kernel: SplatKernel) -> FrameStats {
@@ -73,7 +73,7 @@ fn stats(cube: &CubeLdi, camera: &Camera, kernel: SplatKernel) -> FrameStats {
 }
 
 #[test]
-fn samples_behind_on_and_before_the_plane_of_the_eye() {
+fn samples_behind_on_and_before_eye_plane_are_drawn_or_clipped() {
     let ldi = wall(|_, _| Vec3::Z);
     let cube = pack(&ldi);
     for kernel in KERNELS {
@@ -87,7 +87,7 @@ fn samples_behind_on_and_before_the_plane_of_the_eye() {
             );
             assert_eq!(render_oracle(&ldi, &camera).hole_count(), 2000);
         }
-        // 1 cm and 2 mm before a sample: the largest footprints, and all of one colour.
+        // 1 cm and 2 mm in front of a sample: the largest footprints, all of one colour.
         for gap in [0.01, 0.002] {
             let stats = stats(
                 &cube,
@@ -105,7 +105,7 @@ fn samples_behind_on_and_before_the_plane_of_the_eye() {
 #[test]
 fn a_magnified_wall_has_no_cracks() {
     let cube = pack(&wall(|_, _| Vec3::Z));
-    // f2 is 55 px and f1 20 px; 0.1 m before the wall a sample is 27 px wide.
+    // f2 is 55 px and f1 20 px; 0.1 m in front of the wall a sample is 27 px wide.
     for gap in [1.0, 0.5, 0.2, 0.1] {
         let stats = stats(
             &cube,
@@ -116,12 +116,12 @@ fn a_magnified_wall_has_no_cracks() {
     }
 }
 
-/// Normals that say nothing make footprints too small or too large; the least radius and the
-/// largest slope bound the damage. Found: at most 0.2 %.
+/// Maximum share of holes with random normals, which make footprints too small or too large; the
+/// minimum radius and the maximum slope bound the damage. Measured: at most 0.2 %.
 const HOLES_WITH_RANDOM_NORMALS: f64 = 0.01;
 
 #[test]
-fn grazing_back_facing_and_random_normals_are_survived() {
+fn grazing_back_facing_and_random_normals_leave_few_holes() {
     let random = std::cell::RefCell::new(Rng::keyed(8));
     let along_the_ray = |x: f64, y: f64| {
         Face::NegZ
@@ -149,12 +149,12 @@ fn grazing_back_facing_and_random_normals_are_survived() {
     }
 }
 
-/// Two surfaces of one weight are mixed about half and half: where their weights exceed what a
-/// pixel holds, the later splats count more.
+/// Tolerance of the mixture of two surfaces of equal weight, levels: if their weights exceed the
+/// capacity of a pixel, the later splats count more.
 const MIXED_LEVELS: u8 = 45;
 
 #[test]
-fn near_surfaces_hide_far_ones_unless_a_capture_could_not_tell_them_apart() {
+fn near_surfaces_occlude_unless_within_merge_tolerance() {
     // 40 px a side: the tolerance is 1 % + 7.2 / 40 of inverse depth, coarse as the face is.
     for (gap, apart) in [(0.5, true), (0.6, true), (0.01, false), (0.0, false)] {
         let mut ldi = wall(|_, _| Vec3::Z);

@@ -1,4 +1,4 @@
-//! The fast renderer against the slow one, for eyes inside, on and outside the headbox.
+//! The renderer against a slow oracle, for eyes inside, on and outside the headbox.
 
 use crate::common::bed::{leaves, room};
 use crate::common::capture::quick;
@@ -12,8 +12,8 @@ use headbox_cube::render::footprint::splat::SplatKernel;
 use headbox_cube::render::reference::oracle::render_oracle;
 use headbox_cube::render::{RenderSettings, Renderer};
 
-/// A pixel shows another surface if it differs by more than this; the scenes' textures stay well
-/// inside it.
+/// Difference above which a pixel shows another surface, levels; the scenes' textures vary much
+/// less.
 const OTHER_SURFACE_LEVELS: u8 = 60;
 
 /// Share of pixels that may show another surface than the oracle, in the room and among leaves:
@@ -36,13 +36,13 @@ fn eyes() -> Vec<(&'static str, DVec3)> {
     eyes
 }
 
-/// Share of pixels that may have another depth: silhouettes as above, which colours do not tell
-/// where leaves overlap leaves, and those of steeper slopes.
+/// Share of pixels that may have another depth: silhouettes as above, including those between
+/// leaves of the same colour, and steeper slopes.
 const OTHER_DEPTH_SHARE: [f64; 2] = [0.05, 0.15];
 
-/// A splat has one depth, that of its sample; the oracle follows the sample's plane, at slopes of
-/// up to 12, across half a sample: 6 / 64 of the distance for faces of 64 px, and as much again for
-/// planes that the camera sees edge-on.
+/// Relative tolerance of depth. A splat has one depth, that of its sample; the oracle follows the
+/// sample's plane, at slopes of up to 12, across half a sample: 6 / 64 of the distance for faces of
+/// 64 px, and as much again for planes that the camera sees edge-on.
 const OF_A_SPLAT: f64 = 12.0 / 64.0;
 
 fn assert_depths(title: &str, expected: &[f32], frame: &Frame, silhouettes: f64) {
@@ -70,15 +70,15 @@ fn assert_depths(title: &str, expected: &[f32], frame: &Frame, silhouettes: f64)
 }
 
 #[test]
-fn the_ordered_renderer_shows_what_a_depth_buffer_shows() {
+fn ordered_renderer_equals_depth_buffer() {
     let shares = SILHOUETTE_SHARE.into_iter().zip(OTHER_DEPTH_SHARE);
     for ((name, scene), (share, other_depth)) in [("room", room(6.0)), ("leaves", leaves(6.0))]
         .into_iter()
         .zip(shares)
     {
         let mut ldi = quick(&scene, 64);
-        // The oracle's depth buffer keeps one surface a pixel: rims that let the background through
-        // have no place in it.
+        // The oracle's depth buffer stores one surface per pixel and has no partly transparent
+        // rims.
         ldi.faces
             .iter_mut()
             .flat_map(|face| &mut face.samples)

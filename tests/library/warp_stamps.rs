@@ -1,4 +1,4 @@
-//! The fixed stamps of Rafferty et al. (R7, R12): which pixels one sample covers.
+//! The fixed stamps of Rafferty et al. (R7, R12): pixels covered by one sample.
 
 use crate::common::capture::one_layer;
 use glam::{DVec3, dvec3};
@@ -13,7 +13,7 @@ use headbox_cube::render::{RenderSettings, Renderer};
 const WIDTH: u32 = 23;
 const HEIGHT: u32 = 17;
 
-/// One sample, a metre before the centre.
+/// One sample, one metre in front of the centre.
 fn one_sample() -> CubeLdi {
     let ldi = one_layer(DVec3::ZERO, 9, &[Face::NegZ], |_, x, y| {
         let normal = EncodedNormal::new(glam::Vec3::Z);
@@ -26,7 +26,7 @@ fn one_sample() -> CubeLdi {
     CubeLdi::pack(&ldi, SplatIndexLayout::Normal, Split::Auto).expect("valid")
 }
 
-/// The pixels of a stamp about the sample at (x, y), by definition.
+/// Pixels of a stamp about the sample at (x, y), by definition.
 fn stamp(kernel: SplatKernel, x: f64, y: f64) -> Vec<[i64; 2]> {
     let (column, row) = (x.floor() as i64, y.floor() as i64);
     let around = |columns: std::ops::RangeInclusive<i64>, rows: std::ops::RangeInclusive<i64>| {
@@ -73,7 +73,7 @@ fn a_plus_has_five_pixels_and_squares_have_one_four_and_nine() {
         let camera =
             Camera::look_at(eye, eye - DVec3::Z, DVec3::Y, 30.0, [WIDTH, HEIGHT]).expect("valid");
         let [x, y, _] = camera.project(-DVec3::Z).expect("in front");
-        // Nearer to a border of pixels, or of halves, rounding decides.
+        // Closer to a border of pixels, or of half pixels, rounding decides.
         if [x, y]
             .iter()
             .any(|v| (2.0 * v - (2.0 * v).round()).abs() < 1e-3)

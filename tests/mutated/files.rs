@@ -1,8 +1,8 @@
-//! Whatever is done to a file, reading it ends with something sound or an error: no panic, no
-//! allocation from a wild number.
+//! Reading a mutated file gives a valid result or an error: no panic, and no huge allocation from a
+//! corrupt count.
 //!
 //! Mutations are seeded: a failure names the seed. `HEADBOX_FUZZ_SECONDS=600 cargo test --release
-//! --test mutated` tries each kind of file for ten minutes. What such a run finds goes to
+//! --test mutated` tries each kind of file for ten minutes. Files that fail in such a run go to
 //! `tests/corpus/`, which is replayed here. Portal models and houses: `houses.rs`.
 
 use crate::mutations::{Dice, Rounds, alone, bytes_of, corpus, corpus_folder, try_mutations};
@@ -39,7 +39,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::sync::Arc;
 
-/// Broken cubes, where no time is asked for.
+/// Number of broken cubes if no time is requested.
 const CASES: u64 = 133;
 
 fn spec() -> CaptureSpec {
@@ -76,8 +76,8 @@ fn cube() -> CubeLdi {
     CubeLdi::pack(&ldi, SplatIndexLayout::Normal, Split::Auto).expect("packs")
 }
 
-/// The same with two pictures on a plane, which its few samples would not make: one that hides all
-/// behind it, and one with a rim.
+/// Same as [`cube`], with two plane textures, which its few samples would not give: an opaque one,
+/// and one with a rim.
 fn cube_with_planes() -> CubeLdi {
     let whole = PlaneTile {
         plane: 0,
@@ -116,13 +116,13 @@ fn cube_with_planes() -> CubeLdi {
 }
 
 fn camera(eye: DVec3, forward: DVec3) -> Camera {
-    // Not `eye + forward`, which is `eye` where a mutation has put it far away.
+    // Not `eye + forward`, which rounds to `eye` if a mutation has moved it far away.
     Camera::look_at(DVec3::ZERO, forward, DVec3::Y, 70.0, [13, 9])
         .expect("valid")
         .with_eye(eye)
 }
 
-/// Draws a cube from two eyes by all kernels; whatever is in it, this must come to an end.
+/// Draws a cube from two eyes by all kernels; must terminate for any content.
 fn draw(cube: &CubeLdi) {
     let mut renderer = Renderer::new();
     for (offset, forward) in [
@@ -385,13 +385,13 @@ fn textures() {
         try_mutations(name, &[original], false, |path| {
             std::fs::write(path.with_file_name("t.mtl"), &mtl).expect("written");
             std::fs::write(path.with_file_name("t.obj"), obj).expect("written");
-            // Without its texture, a scene is still a scene.
+            // A scene is valid without its texture.
             read_scene(&path.with_file_name("t.obj"))
         });
     }
 }
 
-/// Reads a report and makes all that is made of one.
+/// Reads a report and generates all its outputs.
 fn read_report(path: &Path) -> bool {
     let Ok(report) = serde_json::from_slice::<Report>(&std::fs::read(path).expect("written"))
     else {
@@ -410,8 +410,8 @@ fn reports() {
     try_mutations("a.report", &[corpus("a.report")], false, read_report);
 }
 
-/// Breaks a picture on a plane, or a plane, once in a while.
-fn break_picture(set: &mut PlaneSet, dice: &mut Dice) {
+/// Sometimes damages a plane texture or a plane.
+fn break_plane_texture(set: &mut PlaneSet, dice: &mut Dice) {
     let (tile, plane) = (dice.below(set.tiles.len()), dice.below(set.planes.len()));
     let bits = dice.bits() as u32;
     match dice.below(16) {
@@ -430,7 +430,7 @@ fn break_picture(set: &mut PlaneSet, dice: &mut Dice) {
 }
 
 #[test]
-fn packed_cubes_that_break_their_promises() {
+fn mutated_packed_cubes_never_panic() {
     let _alone = alone();
     let original = cube_with_planes();
     let mut invalid = 0;
@@ -439,9 +439,9 @@ fn packed_cubes_that_break_their_promises() {
         let mut dice = Dice::new(seed.wrapping_mul(0x9e37_79b9));
         let mut broken = original.clone();
         let count = broken.segments.len();
-        break_picture(&mut broken.planes, &mut dice);
+        break_plane_texture(&mut broken.planes, &mut dice);
         for _ in 0..1 + dice.below(3) {
-            break_promise(&mut broken.segments[dice.below(count)], &mut dice);
+            break_invariant(&mut broken.segments[dice.below(count)], &mut dice);
         }
         if dice.below(10) == 0 {
             broken.face_size_px = dice.bits() as u32;
@@ -463,7 +463,7 @@ fn packed_cubes_that_break_their_promises() {
     assert!(invalid * 2 > rounds.done(), "most are broken: {invalid}");
 }
 
-fn break_promise(segment: &mut PackedSegment, dice: &mut Dice) {
+fn break_invariant(segment: &mut PackedSegment, dice: &mut Dice) {
     let wild = |dice: &mut Dice| [0, 1, 6, 7, 8, 64, 1 << 20, u32::MAX][dice.below(8)];
     let change = |list: &mut Vec<u32>, dice: &mut Dice| {
         let at = dice.below(list.len());
@@ -500,10 +500,9 @@ fn break_promise(segment: &mut PackedSegment, dice: &mut Dice) {
     }
 }
 
-/// Whatever was once found, and small files of every kind, must still end with something sound or
-/// an error.
+/// Files of earlier failures, and small files of every kind, must give a valid result or an error.
 #[test]
-fn the_corpus_is_replayed() {
+fn corpus_files_are_valid_or_errors() {
     let mut replayed = 0;
     for entry in std::fs::read_dir(corpus_folder())
         .expect("the corpus")

@@ -34,8 +34,7 @@ const TINY: BackdropQuality = BackdropQuality {
 /// Budget of the store; no backdrop of the corpus needs more.
 const BUDGET_BYTES: u64 = 64 << 20;
 
-/// Reads a portal model whose geometry is the corpus's home, and prepares it to be walked if it is
-/// sound enough.
+/// Reads a portal model with the geometry of the corpus's home, and prepares a walk if it is valid.
 fn read_model(path: &Path) -> bool {
     let Ok(loaded) = load_model(path, &ModelOptions::default()) else {
         return false;
@@ -48,7 +47,7 @@ fn read_model(path: &Path) -> bool {
     House::new(loaded.model).is_ok()
 }
 
-/// Puts the home's geometry beside a model.
+/// Copies the home's geometry to the folder of a model, and reads the model.
 fn with_home(path: &Path) -> bool {
     let obj = path.with_file_name("home.obj");
     if !obj.exists() {
@@ -72,7 +71,7 @@ fn portal_models() {
     try_mutations("flat.toml", &[corpus("flat.toml")], false, with_home);
 }
 
-/// The corpus's flat with a backdrop of each kind of content: cubes, textures, a sprite.
+/// The corpus's apartment with a backdrop of each kind of content: cubes, textures, a sprite.
 fn house_bytes() -> Vec<u8> {
     let loaded =
         load_model(&corpus_folder().join("flat.toml"), &ModelOptions::default()).expect("loads");
@@ -93,7 +92,7 @@ fn house_bytes() -> Vec<u8> {
     bytes_of(|path| file::write(path, &house, &store, &TINY).expect("written"))
 }
 
-/// Reads a house and takes three looks at it with whatever it holds.
+/// Reads a house and renders three frames of it.
 fn read_house(path: &Path) -> bool {
     let Ok((house, store, _)) = file::read(path, BUDGET_BYTES) else {
         return false;
@@ -129,7 +128,7 @@ fn house_files() {
     try_mutations("a.house", &[house_bytes()], true, read_house);
 }
 
-/// A cache with one frame of truth in it.
+/// A cache with one frame of truth.
 struct Cached {
     tracer: Tracer,
     lighting: Lighting,
@@ -163,7 +162,7 @@ impl Cached {
         files.next().expect("one frame").path()
     }
 
-    /// Asks for the frame, with whatever the file holds now.
+    /// Requests the frame with the current content of the file.
     fn check(&self) {
         let truths = Truths::new(
             &self.tracer,
@@ -180,7 +179,7 @@ impl Cached {
         assert_eq!((frame.color.len(), frame.coverage.len()), (15, 15));
     }
 
-    /// Asks for the frame, with a file in place of its own.
+    /// Requests the frame with another file in its place.
     fn check_with(&self, path: &Path) -> bool {
         std::fs::copy(path, self.file()).expect("copied");
         self.check();
@@ -195,10 +194,9 @@ fn kept_truth() {
     try_mutations("a.truth", &[original], true, |path| cached.check_with(path));
 }
 
-/// Whatever was once found, and a small file of every kind, must still end with something sound or
-/// an error.
+/// Files of earlier failures, and a small file of every kind, must give a valid result or an error.
 #[test]
-fn the_corpus_is_replayed() {
+fn corpus_files_are_valid_or_errors() {
     let cached = Cached::new();
     let mut replayed = 0;
     for entry in std::fs::read_dir(corpus_folder())

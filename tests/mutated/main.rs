@@ -1,5 +1,5 @@
-//! Damaged files of every kind. A program of its own: its allocator notes the largest allocation of
-//! the whole process, so that nothing else may run beside it.
+//! Damaged files of every kind. A separate program: its allocator records the largest allocation of
+//! the whole process, so no other tests may run in it.
 
 mod files;
 mod houses;

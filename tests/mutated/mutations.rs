@@ -1,4 +1,4 @@
-//! Seeded mutations of files, and a watch over the size of allocations.
+//! Seeded mutations of files, and an allocator that records the largest allocation.
 #![allow(
     missing_docs,
     unreachable_pub,
@@ -17,11 +17,10 @@ use std::time::{Duration, Instant};
 /// The largest allocation since it was last reset, bytes.
 pub static LARGEST: AtomicUsize = AtomicUsize::new(0);
 
-/// The system's allocator, which notes how much is asked for.
+/// The system's allocator, which records the largest requested size.
 pub struct Watched;
 
-// SAFETY: every call goes to the system's allocator unchanged; an atomic number is all that is
-// added.
+// SAFETY: every call goes to the system's allocator unchanged; only an atomic counter is added.
 unsafe impl GlobalAlloc for Watched {
     // SAFETY: as the trait asks; the size is noted, and the call handed on unchanged.
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
@@ -54,22 +53,22 @@ unsafe impl GlobalAlloc for Watched {
 #[global_allocator]
 static WATCHED: Watched = Watched;
 
-/// No single allocation may be larger: the largest that a sound small file leads to is the head of
-/// an accumulator store for the largest allowed face (8,192 px), some tens of MiB. A count that is
-/// believed would ask for gigabytes.
+/// Maximum size of a single allocation. The largest one of a valid small file is the head of an
+/// accumulator store for the largest allowed face (8,192 px), some tens of MiB. An unchecked count
+/// would request gigabytes.
 const MOST_BYTES: usize = 256 << 20;
-/// Mutations of each kind of file.
+/// Number of mutations of each kind of file.
 const CASES: u64 = 400;
-/// A pause longer than this between two mutations is one of the machine's, and does not count.
+/// Pause between two mutations above which it is due to the machine and does not count.
 const LONGEST: Duration = Duration::from_secs(2);
 
-/// Tests share the watch over allocations.
+/// Locks the recorded allocation size, which tests share.
 pub fn alone() -> MutexGuard<'static, ()> {
     static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
     ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Seeds, for as many cases as asked for or, if `HEADBOX_FUZZ_SECONDS` is set, for so long.
+/// Seeds for a number of cases or, if `HEADBOX_FUZZ_SECONDS` is set, for that time.
 pub struct Rounds {
     cases: u64,
     most: Option<Duration>,
@@ -93,7 +92,7 @@ impl Rounds {
         }
     }
 
-    /// The next seed, until it is enough.
+    /// Returns the next seed, or `None` at the end.
     pub fn next(&mut self) -> Option<u64> {
         self.spent += self.last.elapsed().min(LONGEST);
         self.last = Instant::now();
@@ -112,7 +111,7 @@ impl Rounds {
     }
 }
 
-/// Tries mutations of the originals, for as many cases as asked for or as long.
+/// Tries mutations of the originals, for a number of cases or a time.
 pub fn try_mutations(
     name: &str,
     originals: &[Vec<u8>],
@@ -160,7 +159,7 @@ pub fn try_mutations(
     );
 }
 
-/// The bytes that `write` leaves in a file.
+/// Returns the bytes that `write` writes to a file.
 pub fn bytes_of(write: impl FnOnce(&Path)) -> Vec<u8> {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("original");
@@ -177,7 +176,7 @@ pub fn corpus_folder() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/corpus")
 }
 
-/// Chance.
+/// Random choices of mutations.
 pub struct Dice(Rng);
 
 impl Dice {
@@ -189,7 +188,7 @@ impl Dice {
         self.0.bits()
     }
 
-    /// 0..count, or 0.
+    /// Random number in 0..count, or 0 if `count` is 0.
     pub fn below(&mut self, count: usize) -> usize {
         self.0.below(count as u64) as usize
     }
@@ -216,10 +215,10 @@ const NUMBERS: [&str; 14] = [
     "-1e-308",
     "1e999",
 ];
-/// Bytes that mean something to a parser of text.
+/// Bytes with a meaning for text parsers.
 const SIGNS: &[u8] = b"0123456789-./\\ \n\r\t\"{}[],:eE#nfvtrue";
 
-/// One to four changes.
+/// Applies one to four random changes.
 pub fn mutate(bytes: &mut Vec<u8>, dice: &mut Dice) {
     for _ in 0..1 + dice.below(4) {
         let at = dice.below(bytes.len() + 1);
@@ -275,7 +274,7 @@ pub fn mutate(bytes: &mut Vec<u8>, dice: &mut Dice) {
     }
 }
 
-/// Replaces the digits at or after a place by another number.
+/// Replaces the digits at or after a position by another number.
 fn replace_number(bytes: &mut Vec<u8>, from: usize, dice: &mut Dice) {
     let Some(start) = (from..bytes.len()).find(|&i| bytes[i].is_ascii_digit()) else {
         return;
@@ -288,7 +287,7 @@ fn replace_number(bytes: &mut Vec<u8>, from: usize, dice: &mut Dice) {
     bytes.splice(start..end, number);
 }
 
-/// A headbox file taken apart: 16 bytes of magic, kind and version, and the sections.
+/// Parsed headbox file: 16 bytes of magic, kind and version, and the sections.
 pub struct Parts {
     head: Vec<u8>,
     sections: Vec<([u8; 12], Vec<u8>)>,
@@ -314,10 +313,10 @@ impl Parts {
         }
     }
 
-    /// Changes what is in a section; every checksum will fit.
+    /// Changes the content of a section; checksums stay valid.
     pub fn mutate(&mut self, dice: &mut Dice) {
         let count = self.sections.len();
-        // The first section says what the others hold.
+        // The first section describes the others.
         let which = if dice.below(3) > 0 {
             0
         } else {
@@ -330,7 +329,7 @@ impl Parts {
         }
     }
 
-    /// The file, with lengths and checksums that fit.
+    /// Assembles the file with valid lengths and checksums.
     pub fn file(&self) -> Vec<u8> {
         let mut at = 24 + 32 * self.sections.len();
         let (mut table, mut body) = (Vec::new(), Vec::new());

@@ -1,4 +1,4 @@
-//! `headbox images --align`, with a program in COLMAP's place that finds three cameras, or none, or
+//! `headbox images --align`, with a stand-in for COLMAP that finds three cameras, or none, or
 //! fails.
 
 #![cfg(unix)]
@@ -37,7 +37,7 @@ fn asked(folder: &Path) -> String {
     fs::read_to_string(folder.join("asked")).unwrap()
 }
 
-/// Three photographs, and beside them the model that the program will find.
+/// Writes three photographs, and the model that the stand-in will find.
 fn photographs(folder: &Path) {
     fs::create_dir_all(folder.join("photos")).unwrap();
     fs::create_dir_all(folder.join("found/0")).unwrap();
@@ -86,7 +86,7 @@ fn with_bin(folder: &Path) -> String {
     )
 }
 
-/// Other files among the photographs.
+/// Lists other files among the photographs.
 fn left(folder: &Path) -> Vec<String> {
     let names = fs::read_dir(folder.join("photos"))
         .unwrap()
@@ -95,7 +95,7 @@ fn left(folder: &Path) -> Vec<String> {
 }
 
 #[test]
-fn a_model_is_put_beside_its_photographs_and_read() {
+fn model_is_written_beside_photographs_and_read() {
     let dir = tempfile::tempdir().unwrap();
     photographs(dir.path());
     with_colmap(
@@ -121,7 +121,7 @@ fn a_model_is_put_beside_its_photographs_and_read() {
 }
 
 #[test]
-fn what_fails_is_told_and_leaves_the_folder_as_it_was() {
+fn failed_alignment_is_reported_and_leaves_folder_unchanged() {
     for (last_step, expected) in [
         (
             "echo 'No good initial image pair found.'",
@@ -155,10 +155,10 @@ fn what_fails_is_told_and_leaves_the_folder_as_it_was() {
     assert!(left(dir.path()).is_empty());
 }
 
-/// COLMAP leaves out what is not as large as its only camera: upright photographs among others
-/// were, and nothing was found.
+/// COLMAP skips photographs whose size differs from that of its only camera, such as upright ones
+/// among others.
 #[test]
-fn photographs_of_several_sizes_have_cameras_of_their_own() {
+fn photographs_of_several_sizes_get_separate_cameras() {
     for (size, expected) in [([16, 12], "single_camera 1"), ([12, 16], "single_camera 0")] {
         let dir = tempfile::tempdir().unwrap();
         photographs(dir.path());

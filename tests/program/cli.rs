@@ -1,5 +1,5 @@
-//! Promises of the command line: exit codes, one clear sentence for each mistake, JSON keys, whole
-//! files or none.
+//! Promises of the command line: exit codes, one clear message per error, JSON keys, complete files
+//! or none.
 
 use super::run::{headbox, json, refused, succeeds};
 use std::path::Path;
@@ -24,7 +24,7 @@ fn capture(folder: &Path, more: &[&str]) -> String {
 }
 
 #[test]
-fn wrong_usage_is_exit_2_and_says_what_is_allowed() {
+fn wrong_usage_exits_2_and_names_allowed_values() {
     let dir = tempfile::tempdir().unwrap();
     let usage = |more: &[&str], expected: &str| {
         let message = refused(
@@ -75,7 +75,7 @@ fn wrong_usage_is_exit_2_and_says_what_is_allowed() {
 }
 
 #[test]
-fn outputs_are_refused_before_any_work_and_harm_nothing() {
+fn bad_outputs_are_refused_before_any_work() {
     let dir = tempfile::tempdir().unwrap();
     capture(dir.path(), &["-o", "a.ldi"]);
     let write = |name: &str, text: &str| std::fs::write(dir.path().join(name), text).unwrap();
@@ -166,7 +166,7 @@ fn outputs_are_refused_before_any_work_and_harm_nothing() {
 }
 
 #[test]
-fn nonsense_is_an_error_or_a_warning_that_says_what_will_be_seen() {
+fn nonsense_gives_error_or_warning() {
     let dir = tempfile::tempdir().unwrap();
     capture(dir.path(), &["-o", "a.ldi"]);
     let warns = |more: &[&str], expected: &str| {
@@ -207,7 +207,7 @@ fn nonsense_is_an_error_or_a_warning_that_says_what_will_be_seen() {
 }
 
 #[test]
-fn missing_and_wrong_files_are_exit_1_and_named() {
+fn missing_and_wrong_files_exit_1_and_are_named() {
     let dir = tempfile::tempdir().unwrap();
     let write = |name: &str, bytes: &[u8]| std::fs::write(dir.path().join(name), bytes).unwrap();
     let message = refused(dir.path(), 1, &["capture", "nowhere.obj", "-o", "x.ldi"]);
@@ -243,7 +243,7 @@ fn missing_and_wrong_files_are_exit_1_and_named() {
 }
 
 #[test]
-fn truth_says_what_its_noise_means() {
+fn truth_reports_its_noise() {
     let dir = tempfile::tempdir().unwrap();
     let truth = |more: &[&str]| {
         let usual = [
@@ -261,7 +261,7 @@ fn truth_says_what_its_noise_means() {
         noisy.contains("dB (PSNR): what is compared with it is at most so good"),
         "{noisy}"
     );
-    // A picture of nothing but the sky has no noise.
+    // An image of only the sky has no noise.
     let clean = truth(&["--samples", "4", "--eye", "0,50,0", "--look-at", "0,100,1"]);
     assert!(
         clean.contains("(PSNR)") && !clean.contains("compared"),
@@ -271,7 +271,7 @@ fn truth_says_what_its_noise_means() {
 
 #[cfg(unix)]
 #[test]
-fn a_pipe_that_is_waited_for_is_told() {
+fn waiting_for_pipe_is_reported() {
     let dir = tempfile::tempdir().unwrap();
     let pipe = dir.path().join("pipe.obj");
     assert!(
@@ -317,7 +317,7 @@ fn a_damaged_capture_is_refused_and_named() {
 }
 
 #[test]
-fn the_whole_chain_speaks_json() {
+fn every_command_prints_json() {
     let dir = tempfile::tempdir().unwrap();
     let captured: serde_json::Value =
         serde_json::from_str(&capture(dir.path(), &["-o", "a.ldi", "--json"])).unwrap();
@@ -413,11 +413,11 @@ fn a_path_gives_a_frame_per_pose_and_their_times() {
 }
 
 #[test]
-fn truth_looks_where_there_is_most_to_see_from_its_eye() {
+fn truth_faces_direction_with_most_to_see() {
     let dir = tempfile::tempdir().unwrap();
     let wall = "# Y up, metres\nv 5 -3 -3\nv 5 3 -3\nv 5 3 3\nv 5 -3 3\nf 1 2 3 4\n";
     std::fs::write(dir.path().join("wall.obj"), wall).unwrap();
-    // No direction shows the wall to both.
+    // No single direction shows the wall to both eyes.
     for eye in ["1,0,0", "9,0,0"] {
         let arguments = [
             "truth",
@@ -473,7 +473,7 @@ fn shards_merge_to_the_same_file() {
 }
 
 #[test]
-fn a_headbox_full_of_geometry_is_captured_with_a_warning() {
+fn blocked_headbox_is_captured_with_warning() {
     let dir = tempfile::tempdir().unwrap();
     let size = [
         "--face-size",
@@ -507,10 +507,10 @@ fn a_headbox_full_of_geometry_is_captured_with_a_warning() {
     );
 }
 
-/// Elsewhere a display needs no environment, and a window would open.
+/// Linux only: elsewhere a display needs no environment variables, and a window would open.
 #[cfg(all(feature = "viewer", target_os = "linux"))]
 #[test]
-fn a_window_without_a_display_is_one_sentence_and_exit_1() {
+fn window_without_display_exits_1_with_one_message() {
     let dir = tempfile::tempdir().unwrap();
     let view = |arguments: &[&str]| {
         let mut command = Command::new(env!("CARGO_BIN_EXE_headbox"));
@@ -547,7 +547,7 @@ fn a_window_without_a_display_is_one_sentence_and_exit_1() {
 }
 
 #[test]
-fn output_that_nobody_reads_ends_the_program_quietly() {
+fn closed_pipe_ends_program_quietly() {
     let mut command = Command::new(env!("CARGO_BIN_EXE_headbox"));
     let mut child = command
         .arg("scenes")
@@ -566,10 +566,10 @@ fn output_that_nobody_reads_ends_the_program_quietly() {
     );
 }
 
-/// The library, the command and the window's last round (tested beside it) are one capture.
+/// The library, the command and the window's last round (tested there) give the same capture.
 #[test]
 fn command_and_library_capture_the_same_bytes() {
-    /// A floor and a box in the open, without a headbox of its own.
+    /// A floor and a box in the open, without a suggested headbox.
     const OPEN_SCENE: &str = "v -9 0 -9\nv 9 0 -9\nv 9 0 9\nv -9 0 9\n\
         v -3 0 -4\nv 3 0 -4\nv 3 4 -4\nv -3 4 -4\n\
         f 1 4 3\nf 1 3 2\nf 5 6 7\nf 5 7 8\n";

@@ -1,5 +1,4 @@
-//! Promises of the command line about exports: every format is read back by a reader that did not
-//! write it.
+//! Promises of the command line about exports: every format is read back by an independent reader.
 
 #![expect(
     clippy::unwrap_used,
@@ -38,7 +37,7 @@ fn capture(folder: &Path) {
     );
 }
 
-/// The frame of the face -Z: linear red, green, blue of each pixel.
+/// Renders the frame of the face -Z: linear red, green, blue of each pixel.
 fn frame_of_face(folder: &Path) -> Vec<[f32; 3]> {
     let info = json(folder, &["info", "a.ldi", "--json"]);
     let centre: Vec<f64> = info["capture"]["centre"]
@@ -77,8 +76,8 @@ fn frame_of_face(folder: &Path) -> Vec<[f32; 3]> {
         .collect()
 }
 
-/// Share of pixels that are farther than 0.08 from the frame: rims, where the renderer spreads
-/// samples over neighbours.
+/// Share of pixels that differ from the frame by more than 0.08: rims, where the renderer
+/// distributes samples over neighbours.
 fn share_off(found: impl Iterator<Item = [f32; 4]>, frame: &[[f32; 3]]) -> f64 {
     let off = found
         .zip(frame)
@@ -166,7 +165,7 @@ fn deep_pixels_and_flat_layers_make_the_frame() {
             std::array::from_fn(|i| over[i] + (1.0 - over[3]) * layer[i][at])
         });
         let expected = DeepImage::composite(&[&face], x, y);
-        // Halves, and at most five of them over each other.
+        // Half-precision floats, at most five layered.
         assert!(
             (0..4).all(|i| (over[i] - expected[i]).abs() < 5e-3),
             "{x} {y}: {over:?} {expected:?}"
@@ -186,7 +185,7 @@ fn exports_are_whole_and_repeatable() {
         &["export", "a.ldi", "-o", "points.ply", "--points"],
     );
     let read = |name: &str| std::fs::read(dir.path().join(name)).unwrap();
-    // The vertices of a PLY file, each `bytes` long.
+    // Vertices of a PLY file, each `bytes` long.
     let vertices = |name: &str, bytes: usize| {
         let file = read(name);
         let end = b"end_header\n";
@@ -208,7 +207,7 @@ fn exports_are_whole_and_repeatable() {
         file[start..].to_vec()
     };
     let (points, splats) = (vertices("points.ply", 40), vertices("a.ply", 68));
-    // Splats hold the environment, too.
+    // Splats include the environment.
     assert!(points.len() / 40 < splats.len() / 68);
     let info = json(dir.path(), &["info", "a.ldi", "--json"]);
     for point in points.chunks(40) {
@@ -218,10 +217,10 @@ fn exports_are_whole_and_repeatable() {
         }
     }
     assert!(read("a.glb").starts_with(b"glTF") && read("a.html").starts_with(b"<!doctype html>"));
-    // What is written twice is the same.
+    // A second export has the same bytes.
     succeeds(dir.path(), &["export", "a.ldi", "-o", "b.glb"]);
     assert!(read("a.glb") == read("b.glb"));
-    // Captured again, its headbox is where it was, though a box with the sky is all around.
+    // A new capture has the same headbox, although a box with the sky surrounds the scene.
     succeeds(
         dir.path(),
         &[
@@ -274,13 +273,13 @@ fn sprites_are_exported() {
             "{told}"
         );
     }
-    // The page draws sprites, not the cube that others get.
+    // The page draws sprites, not the cube of the other formats.
     let page = std::fs::read_to_string(dir.path().join("s.html")).unwrap();
     assert!(page.contains(r#""kind":"sprite""#) && !page.contains(r#""kind":"samples""#));
 }
 
 #[test]
-fn what_cannot_be_exported_is_told() {
+fn unsupported_export_is_reported() {
     let dir = tempfile::tempdir().unwrap();
     capture(dir.path());
     let whole = std::fs::read(dir.path().join("a.ldi")).unwrap();
@@ -334,7 +333,7 @@ fn what_cannot_be_exported_is_told() {
 }
 
 #[test]
-fn both_eyes_see_all_directions_or_half_of_them() {
+fn stereo_panoramas_cover_all_or_half_directions() {
     let dir = tempfile::tempdir().unwrap();
     capture(dir.path());
     let size = |flags: &[&str]| {
@@ -446,9 +445,9 @@ fn both_eyes_see_all_directions_or_half_of_them() {
     );
 }
 
-/// Deep EXR files come back as a capture that shows the same.
+/// Deep EXR files are captured again with the same appearance.
 #[test]
-fn deep_pictures_come_back() {
+fn deep_pictures_round_trip() {
     let dir = tempfile::tempdir().unwrap();
     capture(dir.path());
     let info = json(dir.path(), &["info", "a.ldi", "--json"]);
@@ -466,7 +465,7 @@ fn deep_pictures_come_back() {
         &["export", "a.ldi", "-o", "face.exr", "--face", "-Z"],
     );
     let half = info["capture"]["half_size_m"].as_f64().unwrap().to_string();
-    // Of an environment map nobody knows where it was taken.
+    // An environment map has no position.
     let place = ["--center", &text([x, y, z]), "--half-size", &half];
     succeeds(
         dir.path(),
@@ -483,7 +482,7 @@ fn deep_pictures_come_back() {
             &half,
         ],
     );
-    // The same without a word of its camera, as many renderers write it.
+    // The same without a camera in the header, as many renderers write it.
     let bare = DeepImage {
         view: DeepView::default(),
         ..DeepImage::read(&dir.path().join("face.exr")).unwrap()
@@ -601,8 +600,8 @@ fn deep_pictures_come_back() {
     );
 }
 
-/// Deep pictures that nobody here wrote, of a camera that their headers do not tell, show from its
-/// place what they are.
+/// Deep images of other programs, without a camera in the header, reproduce their image from the
+/// camera's position.
 #[test]
 fn deep_pictures_of_a_film_studio_are_captured() {
     let folder =
@@ -644,8 +643,7 @@ fn deep_pictures_of_a_film_studio_are_captured() {
             &[["render", "a.ldi", "-o", "a.png"].as_slice(), &camera].concat(),
         );
         let frame = image::open(dir.path().join("a.png")).unwrap().to_rgb8();
-        // Only where nothing shows through: the renderer takes what is behind a rim for what fills
-        // it.
+        // Only opaque pixels: the renderer fills a rim with the surface behind it.
         let (mut count, mut sum) = (0, 0.0);
         for (x, y, found) in frame.enumerate_pixels() {
             let expected = DeepImage::composite(&[&deep], x, y);
@@ -665,9 +663,9 @@ fn deep_pictures_of_a_film_studio_are_captured() {
     }
 }
 
-/// Homes and lumigraphs become pages, the same each time, and nothing else.
+/// Homes and lumigraphs can only be exported as pages, which are deterministic.
 #[test]
-fn homes_and_lumigraphs_are_pages_alone() {
+fn homes_and_lumigraphs_export_only_as_pages() {
     let dir = tempfile::tempdir().unwrap();
     let house = [
         "house",

@@ -1,4 +1,4 @@
-//! `headbox house`, plans, and baked light beside truth.
+//! `headbox house`, plans, and baked light against truth.
 
 use super::run::{headbox, refused, succeeds};
 use glam::dvec3;
@@ -76,11 +76,11 @@ fn house_text_names_everything_and_plan_has_doors_and_windows() {
     );
 }
 
-/// A bake of an hour, interrupted after a few seconds: however slow the machine, some pause lies
-/// between its first round and its end.
+/// A bake of an hour, interrupted after a few seconds: between its first round and its end even on
+/// a slow machine.
 #[test]
 #[cfg(unix)]
-fn an_interrupted_bake_is_kept() {
+fn interrupted_bake_keeps_result() {
     let dir = tempfile::tempdir().unwrap();
     let arguments = [
         "house",
@@ -128,7 +128,7 @@ fn an_interrupted_bake_is_kept() {
     panic!("no first round in three minutes");
 }
 
-/// Two rooms one above the other, a window each and a hatch between, as a TOML model.
+/// Two rooms one above the other, each with a window, and a hatch between them, as a TOML model.
 const STOREYS: &str = r#"
 scene = "hut.obj"
 [[cell]]
@@ -160,7 +160,7 @@ cells = ["above", "garden"]
 polygon = [[1, 3.6, 3], [2, 3.6, 3], [2, 4.6, 3], [1, 4.6, 3]]
 "#;
 
-/// Parts of [`STOREYS`]: a box with a floor between its storeys.
+/// Geometry of [`STOREYS`]: a box with a floor between its storeys.
 const HUT: &str = "v 0 0 0\nv 4 0 0\nv 4 0 3\nv 0 0 3\nv 0 2.6 0\nv 4 2.6 0\nv 4 2.6 3\nv 0 2.6 3\n\
                    v 0 5 0\nv 4 5 0\nv 4 5 3\nv 0 5 3\n\
                    f 1 2 3 4\nf 5 6 7 8\nf 9 10 11 12\nf 1 2 10 9\nf 2 3 11 10\nf 3 4 12 11\nf 4 1 9 12\n";
@@ -192,7 +192,7 @@ fn each_storey_has_a_plan() {
 }
 
 #[test]
-fn what_is_wrong_with_a_model_is_told_and_what_is_done_instead() {
+fn model_defects_and_repairs_are_reported() {
     let dir = tempfile::tempdir().unwrap();
     std::fs::write(dir.path().join("hut.obj"), HUT).unwrap();
     let says = |name: &str, model: &str| {
@@ -293,8 +293,7 @@ fn mistakes_are_named() {
     says(1, &["Home.xml"], "Home.xml: ");
 }
 
-/// Baked light, shown without light, is what truth shows with light: apart from shadows finer than
-/// the vertices.
+/// An unlit frame of baked light equals lit truth, except for shadows finer than the vertices.
 #[test]
 fn baked_light_looks_like_truth() {
     /// Between vertices 6 cm apart light is interpolated; edges of shadows are softer by that. At

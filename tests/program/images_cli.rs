@@ -1,5 +1,5 @@
-//! Promises of the command line about image sets: every command that takes a scene's capture takes
-//! a folder of images.
+//! Promises of the command line about image sets: every command for captures of scenes accepts a
+//! folder of images.
 
 #![expect(
     clippy::unwrap_used,
@@ -26,11 +26,11 @@ const DEPTH_FOCAL: f64 = 90.0;
 /// Largest error of the castle's cameras, metres.
 const STEP_M: f64 = 0.05;
 
-/// Remaining error: these images have some ten pixels a degree fewer than the sensors for which
-/// this is made.
+/// Remaining share of the error: these images have about ten pixels per degree fewer than the
+/// sensors for which registration is made.
 const LEFT: f64 = 0.1;
 
-/// Frames of a sensor that turns in a room; its colours are those of a lens of `color_focal`
+/// Frames of a sensor that rotates in a room; its colour camera has a focal length of `color_focal`
 /// pixels.
 fn room(folder: &Path, color_focal: f64) {
     std::fs::create_dir(folder.join("room")).unwrap();
@@ -82,7 +82,7 @@ fn room(folder: &Path, color_focal: f64) {
 }
 
 #[test]
-fn a_folder_of_images_is_captured_rendered_told_of_and_measured() {
+fn folder_of_images_works_in_every_command() {
     let dir = tempfile::tempdir().unwrap();
     room(dir.path(), DEPTH_FOCAL);
     let of_sets = |flag: &str| format!("{flag} is for folders of images");
@@ -155,7 +155,7 @@ fn a_folder_of_images_is_captured_rendered_told_of_and_measured() {
             .as_f64()
             .unwrap()
     };
-    // Both look where the images look, and show the same.
+    // Both start with the direction of the images, and show the same.
     assert!(render("room", "a.png") < 0.3 && render("room.ldi", "b.png") < 0.3);
     let pictures = ["a.png", "b.png"].map(|name| std::fs::read(dir.path().join(name)).unwrap());
     assert!(
@@ -299,7 +299,7 @@ fn overlays_are_painted_without_a_window() {
 }
 
 #[test]
-fn colours_of_another_lens_are_registered_unless_that_is_forbidden() {
+fn colours_of_another_lens_are_registered_unless_refused() {
     let dir = tempfile::tempdir().unwrap();
     room(dir.path(), 80.0);
     let psnr = |more: &[&str]| {
@@ -335,8 +335,8 @@ fn colours_of_another_lens_are_registered_unless_that_is_forbidden() {
     );
 }
 
-/// Photographs of a patterned ball before black, by Middlebury's conventions, taken by cameras on
-/// an arc that lie on their side.
+/// Photographs of a patterned ball on black, by Middlebury's conventions, taken by cameras on an
+/// arc that lie on their side.
 fn ball(folder: &Path) {
     let (size, focal, turns) = (
         [64u32, 48u32],
@@ -409,7 +409,7 @@ fn photographs_without_depth_are_captured_and_measured() {
             "render", "ball.ldi", "-o", "ball.png", "--size", "64x48", "--fov", "30",
         ],
     );
-    // As in the photographs, which lie on their side: along the arc the pattern is up and down in
+    // As in the photographs, which lie on their side: the direction along the arc is vertical in
     // them.
     let drawn = image::open(dir.path().join("ball.png")).unwrap().to_rgb8();
     let taken = image::open(dir.path().join("ball/ball3.png"))
@@ -422,7 +422,7 @@ fn photographs_without_depth_are_captured_and_measured() {
             .map(|(a, b)| (0..3).map(|c| u32::from(a[c].abs_diff(b[c]))).sum::<u32>());
         f64::from(differences.sum::<u32>()) / f64::from(3 * a.width() * a.height())
     };
-    // What dark rims leave open widens a ball of 36 pixels by one to each side.
+    // Dark rims widen a ball of 36 pixels by one pixel on each side.
     assert!(
         apart(&drawn, &taken) < 18.0,
         "{} levels",
@@ -478,15 +478,15 @@ fn photographs_without_depth_are_captured_and_measured() {
 }
 
 #[test]
-fn depth_of_photographs_is_found_kept_and_compared() {
+fn depth_of_photographs_is_estimated_cached_and_compared() {
     let dir = tempfile::tempdir().unwrap();
     ball(dir.path());
     let json = |arguments: &[&str]| -> serde_json::Value {
         serde_json::from_str(&succeeds(dir.path(), &[arguments, &["--json"]].concat()).0).unwrap()
     };
     let found = json(&["images", "ball", "--depth"]);
-    // The ball covers a quarter of each picture; its rim and what the outermost two show alone stay
-    // open.
+    // The ball covers a quarter of each image; its rim and the surfaces that only the outermost two
+    // show stay unknown.
     let share = found["found_depth"]["share"].as_f64().unwrap();
     assert!(
         share > 0.12
@@ -535,7 +535,7 @@ fn depth_of_photographs_is_found_kept_and_compared() {
     refused(&["images", "room", "--depth"], 1, "-o FOLDER");
     refused(&["images", "room", "--depth", "-o", "ball"], 1, "not empty");
     refused(&["images", "room", "-o", "new"], 2, "--depth");
-    // A camera that turns about its eye tells nothing of depth.
+    // A camera that rotates about its eye gives no depth.
     let compared = json(&["images", "room", "--depth", "-o", "new"]);
     let known = &compared["found_depth"]["known"];
     assert!(
@@ -549,10 +549,9 @@ fn depth_of_photographs_is_found_kept_and_compared() {
     );
 }
 
-/// A view without depth takes no part in a capture, whatever its picture is like; `images` looks at
-/// every file.
+/// A view without depth is not captured, and its image is not read; `images` checks every file.
 #[test]
-fn pictures_that_a_capture_does_not_use_are_not_looked_at() {
+fn unused_pictures_are_not_read() {
     let dir = tempfile::tempdir().unwrap();
     let images = [
         "truth",
@@ -602,10 +601,9 @@ fn pictures_that_a_capture_does_not_use_are_not_looked_at() {
     );
 }
 
-/// Exact images whose cameras are said to be elsewhere come back to where they were, beside each
-/// other; those that are said to be where they are stay.
+/// Exact images with perturbed poses return to their relative positions; exact poses stay.
 #[test]
-fn poses_that_are_slightly_wrong_are_refined() {
+fn slightly_wrong_poses_are_refined() {
     let dir = tempfile::tempdir().unwrap();
     let truth = [
         "truth",
@@ -648,8 +646,8 @@ fn poses_that_are_slightly_wrong_are_refined() {
         serde_json::from_slice(&std::fs::read(&file).unwrap()).unwrap();
     for (i, frame) in (0..).zip(set["frames"].as_array_mut().unwrap()) {
         let matrix = &mut frame["transform_matrix"];
-        // Turned about the vertical by up to 0.6 degrees, and moved by up to 3 % of what the
-        // cameras are apart.
+        // Rotated about the vertical by up to 0.6 degrees, and moved by up to 3 % of the distance
+        // between the cameras.
         let angle = 0.01 * f64::from(i * 5 % 8 - 3) / 4.0;
         let (sin, cos) = angle.sin_cos();
         for column in 0..3 {
@@ -667,7 +665,7 @@ fn poses_that_are_slightly_wrong_are_refined() {
     let (given, _) = eyes(&[]);
     let (found, said) = eyes(&["--refine-poses"]);
     assert!(said.contains("poses: refined by"), "{said}");
-    // Where the whole stands nobody knows.
+    // The position of the whole set is undetermined.
     let from_mean = |eyes: &[[f64; 3]]| -> Vec<[f64; 3]> {
         let mean =
             [0, 1, 2].map(|k| eyes.iter().map(|eye| eye[k]).sum::<f64>() / eyes.len() as f64);
@@ -692,7 +690,7 @@ fn poses_that_are_slightly_wrong_are_refined() {
 /// Problems of a set's images are reported in a sentence that names the file, and nothing is
 /// written.
 #[test]
-fn what_is_wrong_with_pictures_is_said() {
+fn picture_defects_are_reported() {
     let depths = |folder: &Path| -> Vec<_> {
         (0..8)
             .map(|i| folder.join(format!("room/frame-{i:06}.depth.png")))

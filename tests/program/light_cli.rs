@@ -1,4 +1,4 @@
-//! Light that people bring, on the command line: `--sky`, `--sun`, `--exposure`.
+//! User-specified light on the command line: `--sky`, `--sun`, `--exposure`.
 
 #![expect(
     clippy::unwrap_used,
@@ -41,7 +41,7 @@ fn capture(folder: &Path, more: &[&str]) -> String {
 }
 
 #[test]
-fn parts_of_a_capture_agree_on_its_light_and_the_file_tells_it() {
+fn shards_must_agree_on_light_and_file_records_it() {
     let dir = tempfile::tempdir().unwrap();
     write_sky(dir.path());
     let light = [
@@ -94,7 +94,7 @@ fn parts_of_a_capture_agree_on_its_light_and_the_file_tells_it() {
         told.contains("-1.50 stops (-1.5); sRGB, cut off at white"),
         "{told}"
     );
-    // A shard in another light is a part of another capture.
+    // A shard in another light belongs to another capture.
     capture(dir.path(), &["--shard", "2/2", "-o", "other.shard"]);
     let message = refused(
         dir.path(),
@@ -102,7 +102,7 @@ fn parts_of_a_capture_agree_on_its_light_and_the_file_tells_it() {
         &["merge", "1.shard", "other.shard", "-o", "merged.ldi"],
     );
     assert!(message.contains("parts of different captures"), "{message}");
-    // The sky is needed again to light what was merged, and is named where it is gone.
+    // Lighting after the merge needs the sky again; a missing sky is named.
     std::fs::rename(dir.path().join("sky.hdr"), dir.path().join("moved.hdr")).unwrap();
     let merge = ["merge", "1.shard", "2.shard", "-o", "merged.ldi"];
     let message = refused(dir.path(), 1, &merge);
@@ -133,7 +133,7 @@ fn parts_of_a_capture_agree_on_its_light_and_the_file_tells_it() {
 }
 
 #[test]
-fn light_above_white_is_kept_where_it_is_asked_for() {
+fn light_above_white_is_kept_with_hdr() {
     let dir = tempfile::tempdir().unwrap();
     write_sky(dir.path());
     // The sky's east is as bright as white: at three stops eight times.
@@ -198,7 +198,7 @@ fn light_above_white_is_kept_where_it_is_asked_for() {
     let red = |name: &str| radiance(name)[12 * 32 + 16][0];
     let truth = red("truth.exr");
     assert!((truth - 1.0).abs() < 0.05, "{truth}");
-    // A step is 6.2 % at eight times white, and half of it the most that rounding takes.
+    // A step is 6.2 % at eight times white, and rounding loses at most half of it.
     assert!(
         (red("kept.exr") / truth - 1.0).abs() < 0.032,
         "{} for {truth}",
@@ -209,7 +209,7 @@ fn light_above_white_is_kept_where_it_is_asked_for() {
         "white is 1 at three stops: {}",
         red("clipped.exr")
     );
-    // Three stops darker the sky is as it would have been without them.
+    // Three stops darker, the sky is the same as at zero stops.
     run(&[
         &["render", "kept.ldi", "-o", "darker.png", "--exposure", "-3"],
         &eastward,
@@ -222,7 +222,7 @@ fn light_above_white_is_kept_where_it_is_asked_for() {
     assert!((248..=255).contains(&shown), "{shown}");
     let told = succeeds(dir.path(), &["info", "kept.ldi"]);
     assert!(told.contains("cut off 4 stops above white"), "{told}");
-    // Surfaces, without the noise of light: their paint, eight times as bright as white asks for.
+    // Surfaces without the noise of light: their albedo, eight times as bright as white.
     let unlit = [
         "capture",
         "builtin:miniature",

@@ -1,5 +1,5 @@
-//! Promises of the command line about lumigraphs: capture, info, render, and one clear sentence for
-//! each mistake.
+//! Promises of the command line about lumigraphs: capture, info, render, and one clear message per
+//! error.
 
 #![expect(
     clippy::unwrap_used,
@@ -105,7 +105,7 @@ fn a_scene_becomes_a_lumigraph_that_shows_it() {
         &view[..6],
     );
 
-    // Where nothing is said, as a camera amid the others sees it.
+    // The default view is that of a camera in the middle of the others.
     assert!(succeeds(dir.path(), &["render", "a.lumi", "-o", "d.png"]).contains("lumigraph of"));
     let path =
         r#"{"poses": [{"eye": [0, 0, 3], "look_at": [0, 0, 0], "fov": 50}], "size": [16, 12]}"#;
@@ -173,7 +173,7 @@ fn planes_turned_about_a_place_are_light_slabs_of_one_file() {
             .as_u64()
             .unwrap()
     };
-    // Amid the first plane's cameras, and half-way to the second.
+    // In the middle of the first plane's cameras, and half-way to the second plane.
     let (one, two) = (render("0,0.1,3"), render("0.776,0.1,2.898"));
     assert!(one > 0 && two > one, "{one} and {two} layers");
     fails(
@@ -216,7 +216,8 @@ fn planes_given_one_by_one_are_light_slabs_of_one_file() {
         info["slabs"],
         serde_json::json!([[0.0, 0.0, 3.0], [3.0, 0.0, 0.0]])
     );
-    // Each is drawn where it serves: what a traced frame shows, from amid either plane.
+    // Each slab is drawn for its own views: equal to a traced frame from the middle of either
+    // plane.
     for eye in ["0.1,0.1,3", "3,0.1,0.1"] {
         let view = [
             "--eye",
@@ -264,7 +265,7 @@ fn planes_given_one_by_one_are_light_slabs_of_one_file() {
 }
 
 #[test]
-fn a_lumigraph_needs_nothing_but_a_scene() {
+fn lumigraph_needs_only_a_scene() {
     let dir = tempfile::tempdir().unwrap();
     // As small as can be, for time alone.
     let told = json(
@@ -307,8 +308,8 @@ fn a_lumigraph_needs_nothing_but_a_scene() {
     );
 }
 
-/// Writes pictures of a wall 2 m ahead, with stripes at 0.1 m, taken from places at a height of 1.5
-/// m.
+/// Writes images of a wall 2 m ahead, with stripes every 0.1 m, taken from positions at a height of
+/// 1.5 m.
 fn wall(folder: &std::path::Path, places: &[f64]) {
     std::fs::create_dir_all(folder).unwrap();
     let frames = places.iter().enumerate().map(|(i, x)| {
@@ -353,7 +354,7 @@ fn pictures_from_a_row_of_places_become_a_lumigraph_and_what_says_nothing_of_the
     for (found, expected) in columns.iter().zip([-0.2, -0.1, 0.2]) {
         assert!((found - expected).abs() < 1e-9, "{columns:?}");
     }
-    // From a camera's own place the frame is its picture.
+    // From a camera's own position the frame is its image.
     let view = [
         "--eye",
         "0.1,0,1.5",
@@ -400,7 +401,7 @@ fn pictures_from_a_row_of_places_become_a_lumigraph_and_what_says_nothing_of_the
 }
 
 #[test]
-fn mistakes_are_said_in_a_sentence() {
+fn mistakes_give_one_message() {
     let dir = tempfile::tempdir().unwrap();
     let with = |more: &[&'static str]| [SMALL.as_slice(), more].concat();
     fails(

@@ -46,7 +46,7 @@ fn a_house_is_written_described_and_walked() {
         (&Value::from(3), &Value::from("texture"))
     );
     assert!(at.join("frames/frame_0002.png").exists() && at.join("frames/times.csv").exists());
-    // What the file lacks is captured on the way.
+    // Backdrops that the file lacks are captured during the walk.
     let one = json(
         at,
         "render a.house -o one.png --size 64x48 --variant image --repeat 2 --json",

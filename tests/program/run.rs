@@ -18,7 +18,7 @@ pub(crate) fn headbox(folder: &Path, arguments: &[&str]) -> Output {
 }
 
 /// Runs a command that must fail with `code`, write nothing to standard output and not panic;
-/// returns what it says.
+/// returns its message.
 pub(crate) fn refused(folder: &Path, code: i32, arguments: &[&str]) -> String {
     let output = headbox(folder, arguments);
     let message = String::from_utf8(output.stderr).unwrap();
@@ -31,7 +31,7 @@ pub(crate) fn refused(folder: &Path, code: i32, arguments: &[&str]) -> String {
     message
 }
 
-/// Runs a command that must fail with `code` and say `expected`.
+/// Runs a command that must fail with `code` and a message that contains `expected`.
 pub(crate) fn fails(folder: &Path, code: i32, arguments: &[&str], expected: &str) {
     let message = refused(folder, code, arguments);
     assert!(message.contains(expected), "{arguments:?}: {message}");
@@ -53,8 +53,8 @@ pub(crate) fn json(folder: &Path, arguments: &[&str]) -> serde_json::Value {
     serde_json::from_str(&succeeds(folder, arguments)).unwrap()
 }
 
-/// Paints overlays of a file by `render`, each of which must differ from the frame without and from
-/// the others; what is no overlay of the file's is refused with the names of those that are.
+/// Paints overlays of a file by `render`: each must differ from the plain frame and from the
+/// others. An unknown overlay must be refused with the names of the known ones.
 #[cfg(feature = "viewer")]
 pub(crate) fn overlays_are_painted(folder: &Path, file: &str, overlays: &[&str], more: &[&str]) {
     let base = ["render", file, "-o", "overlay.png", "--size", "96x72"];

@@ -1,5 +1,5 @@
-//! Promises of the command line about sprites: capture, import, export, every variant, layers over
-//! each other, and one clear sentence for each mistake.
+//! Promises of the command line about sprites: capture, import, export, every variant, layers, and
+//! one clear message per error.
 
 #![expect(
     clippy::unwrap_used,
@@ -110,7 +110,7 @@ fn a_scene_becomes_sprites_that_every_variant_renders() {
 }
 
 #[test]
-fn without_flags_sprites_are_seen_as_they_were_taken() {
+fn default_view_of_sprites_is_their_camera() {
     let dir = tempfile::tempdir().unwrap();
     let taken = ["--eye", "0.3,0.2,3.1", "--look-at", "0,0,0", "--fov", "50"];
     capture(dir.path(), "builtin:bump", &taken);
@@ -128,12 +128,12 @@ fn without_flags_sprites_are_seen_as_they_were_taken() {
     ];
     succeeds(dir.path(), &[truth.as_slice(), &taken].concat());
     let flip = flip(dir.path(), "t.png", "r.png");
-    // Both take the same 8 rays a pixel; soft silhouettes before the sky round differently.
+    // Both have the same 8 rays per pixel; soft silhouettes against the sky round differently.
     assert!(flip < 0.01, "{flip}");
 }
 
 #[test]
-fn exported_pictures_come_back_as_the_same_sprite() {
+fn exported_sprite_imports_unchanged() {
     let dir = tempfile::tempdir().unwrap();
     succeeds(
         dir.path(),
@@ -221,8 +221,7 @@ fn exported_pictures_come_back_as_the_same_sprite() {
             &[["render", file, "-o", frame].as_slice(), &view].concat(),
         );
     }
-    // The plane is fitted anew to depths that went through 8 bits: the same to a fraction of a
-    // pixel.
+    // The plane is fitted again to depths quantised to 8 bits: the same to a fraction of a pixel.
     let flip = flip(dir.path(), "b.png", "again.png");
     assert!(flip < 0.03, "{flip}");
 }
@@ -288,7 +287,7 @@ fn a_path_gives_a_frame_per_pose() {
 }
 
 #[test]
-fn a_range_says_how_far_each_variant_carries() {
+fn range_reports_reach_of_each_variant() {
     let dir = tempfile::tempdir().unwrap();
     let small = [
         "--size",

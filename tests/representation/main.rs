@@ -1,5 +1,5 @@
 //! A representation of another crate, registered by one call, in all four clients: `render`, the
-//! window, `report` and `export`. No file of the project knows it.
+//! window, `report` and `export`. No file of the project refers to it.
 
 use glam::DVec3;
 use headbox_core::camera::Camera;
@@ -15,7 +15,7 @@ use std::path::Path;
 use std::process::ExitCode;
 use std::sync::Arc;
 
-/// Every direction in a colour of its own, scaled by a gain that the file holds.
+/// View that colours each direction differently, scaled by a gain from the file.
 struct DirectionView {
     gain: f64,
     frame: Frame,
@@ -191,14 +191,14 @@ fn one_registration_reaches_every_client() {
     let shown: Vec<u8> = shown.iter().flat_map(|p| [p[0], p[1], p[2]]).collect();
     assert!(shown == a, "the window shows what `render` writes");
 
-    // The exports that were registered with it, and no other.
+    // Only the exports that were registered with it.
     run(&["export", "DIR/x.directions", "-o", "DIR/x.ply"]);
     let exported = std::fs::read_to_string(folder.join("x.ply")).expect("a file");
     assert_eq!(exported, "x of direction map\n");
     let page = ["export", "DIR/x.directions", "-o", "DIR/x.html"];
     assert_eq!(headbox(&page, folder), ExitCode::FAILURE);
 
-    // The report compares its variants with what is made of the scene.
+    // The report compares its variants with representations made of the scene.
     run(&[
         "report",
         "DIR/x.directions",

@@ -5,10 +5,10 @@
 
 use std::{collections::HashMap, process::ExitCode};
 
-/// A window in which nothing was drawn has one colour and some text; the plainest real one has
+/// Minimum number of colours. A blank window has one colour and some text, the simplest real one
 /// hundreds.
 const MIN_COLORS: usize = 100;
-/// The panel is of one colour and covers about a quarter of the window.
+/// Maximum share of one colour. The panel has one colour and covers about a quarter of the window.
 const MAX_SHARE: f64 = 0.6;
 
 fn main() -> ExitCode {

@@ -15,14 +15,14 @@ const BALL: (Vec3, f32) = (Vec3::new(0.6, -0.7, -1.8), 0.6);
 /// Rounds after which the "refined" picture is done.
 const ROUNDS: u32 = 8;
 
-/// Use of a real source that the room stands for.
+/// Kind of source that the room imitates.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Kind {
     /// A headbox in the middle of the room.
     Headbox,
-    /// The ball, circled.
+    /// The ball, orbited by the eye.
     Orbit,
-    /// The whole room with its plan.
+    /// The whole room with its floor plan.
     Walk,
 }
 
@@ -260,7 +260,7 @@ impl FrameSource for CheckerRoom {
 }
 
 impl CheckerRoom {
-    /// The room of the plan that the eye is in.
+    /// Room of the plan that contains the eye.
     fn place(&self, eye: DVec3) -> Option<Fact> {
         let plan = self.plan()?;
         let text = plan
@@ -272,7 +272,7 @@ impl CheckerRoom {
         })
     }
 
-    /// Finds what every `step`th pixel of a row sees.
+    /// Casts a ray through every `step`th pixel of a row.
     fn cast(&mut self, camera: &headbox_core::camera::Camera, row: usize, step: usize) {
         let eye = camera.eye().as_vec3();
         let y = row as f64 + 0.5;
@@ -364,8 +364,8 @@ fn shade(hit: &Hit, check: f32, lamp: bool, hue: u32) -> [u8; 3] {
     } else {
         hit.position
     };
-    // A wall's own coordinate sits on a boundary between checks: nudge it off. Far enough to the
-    // positive side, a cast rounds down, faster than `floor`.
+    // A wall's own coordinate lies on a boundary between checks, so it is offset. Positive values
+    // are rounded down by a cast, which is faster than `floor`.
     let cell = (p + vec3(0.01, 0.01, 0.01)) * (1.0 / check) + Vec3::splat(1000.0);
     let odd = (cell.x as i32 + cell.y as i32 + cell.z as i32) & 1 == 1;
     let base = FACE_COLORS[usize::from(hit.face)];

@@ -7,7 +7,7 @@ use headbox_core::file_frame::FileFrame;
 use headbox_scene::camera_path;
 use std::path::{Path, PathBuf};
 
-/// Poses that went through JSON and degrees, metres.
+/// Rounding error of poses converted to JSON and degrees, metres.
 const FILE_TOLERANCE_M: f64 = 1e-9;
 
 fn saving_to(dir: &Path) -> Window {
@@ -107,7 +107,7 @@ fn a_file_that_cannot_be_written_is_a_message() {
 }
 
 #[test]
-fn what_was_recorded_is_replayed_and_saved() {
+fn recorded_path_is_replayed_and_saved() {
     let dir = tempfile::tempdir().unwrap();
     let mut window = saving_to(dir.path());
     press(&mut window, Key::R);
@@ -163,7 +163,7 @@ fn a_scripted_path_shows_every_pose_and_ends_the_run() {
     };
     let mut window = room_with(Kind::Headbox, options);
     settle(&mut window);
-    // The path begins under our eyes: building a window runs passes that nobody sees.
+    // Building a window already runs passes, so the path starts only now.
     let commands = [
         Command::LoadPath(path_file(dir.path())),
         Command::TogglePlayback,
@@ -229,7 +229,7 @@ fn a_damaged_path_is_a_message() {
 }
 
 #[test]
-fn a_path_that_leaves_the_headbox_is_shown_and_said() {
+fn path_outside_headbox_is_replayed_and_reported() {
     let dir = tempfile::tempdir().unwrap();
     let file = dir.path().join("far.json");
     let pose =

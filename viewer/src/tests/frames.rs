@@ -96,7 +96,7 @@ fn the_divider_can_be_dragged() {
     press(&mut window, Key::B);
     settle(&mut window);
     let pose = window.state().eye.pose;
-    // But for a margin of the harness's.
+    // Except for the margin of the harness.
     let frame_right = SIZE_POINTS[0] - 8.0;
     let frame_width = window.state().view_request.as_ref().unwrap().size_px[0] as f32;
     let middle = egui::pos2(frame_right - frame_width / 2.0, 500.0);
@@ -142,7 +142,7 @@ fn slow_frames_lose_pixels_only_while_moving() {
 }
 
 #[test]
-fn a_converging_source_is_asked_again_until_it_is_done() {
+fn converging_source_is_rendered_until_done() {
     let options = ViewerOptions {
         settings: vec![("refine".into(), "on".into())],
         ..ViewerOptions::default()
@@ -171,7 +171,7 @@ fn a_failing_source_leaves_the_last_frame_and_a_message() {
         viewer.messages.iter().len() == 1
     });
     assert_eq!(texts(&window), ["The room was asked to fail."]);
-    // A list takes a pass to find its size.
+    // A list needs a pass to measure its size.
     window.run_steps(2);
     assert_eq!(window.state().shown.as_ref().unwrap().job.number, number);
     click(&mut window, "Dismiss");

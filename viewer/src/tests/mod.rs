@@ -1,5 +1,5 @@
-//! The whole window without a display: events in, state out, and pictures by a painter in plain
-//! code. No graphics driver is needed; the frames are real ones, from the render thread.
+//! The whole window without a display: events in, state out, and images by a software painter. No
+//! graphics driver is needed; the frames come from the real render thread.
 
 mod eye;
 mod files;
@@ -32,18 +32,18 @@ type Window = Harness<'static, Viewer>;
 
 /// Simulated time of one pass, seconds.
 const PASS_S: f32 = 1.0 / 60.0;
-/// Patience with the render thread on a busy machine.
+/// Timeout of the render thread on a busy machine.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// Size of most windows, points: few, so that the tests are quick also without optimisation; all of
-/// the side panel is in view, beside the frame.
+/// Size of most windows, points: small for fast tests even without optimisation, but large enough
+/// for the whole side panel beside the frame.
 const SIZE_POINTS: [f32; 2] = [700.0, 1400.0];
 
 fn open(source: Option<Box<dyn FrameSource>>, options: ViewerOptions) -> Window {
     open_on(source, options, SIZE_POINTS, painter::Painter::default())
 }
 
-/// Opens a window of some size, points, that tells `painter` of its textures.
+/// Opens a window of `size` points, whose textures go to `painter`.
 fn open_on(
     source: Option<Box<dyn FrameSource>>,
     mut options: ViewerOptions,
@@ -66,7 +66,7 @@ fn open_on(
     harness.build_ui_state(|ui, viewer: &mut Viewer| viewer.pass(ui, None), viewer)
 }
 
-/// A window on the room with its headbox, the first frame shown. One ray serves 8 x 8 pixels.
+/// Opens a window on the room and waits for the first frame. One ray serves 8 x 8 pixels.
 fn room_with(kind: Kind, mut options: ViewerOptions) -> Window {
     options.settings.insert(0, ("block".into(), "8".into()));
     let mut window = open(Some(Box::new(CheckerRoom::new(kind))), options);
@@ -80,7 +80,7 @@ fn room() -> Window {
     room_with(Kind::Headbox, ViewerOptions::default())
 }
 
-/// A window on the start page.
+/// Opens a window on the start page.
 fn start_page() -> Window {
     let library: Box<dyn Library> = Box::new(Rooms);
     let mut window = open(
@@ -126,7 +126,7 @@ fn press(window: &mut Window, key: egui::Key) {
     window.step();
 }
 
-/// Clicks what carries this label.
+/// Clicks the control with this label.
 fn click(window: &mut Window, label: &str) {
     window.get_by_label(label).click();
     window.run_steps(2);

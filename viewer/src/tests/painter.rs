@@ -1,6 +1,5 @@
-//! A painter of egui's triangles in plain code: slow, but the same everywhere, so that pictures of
-//! the window can be compared without a graphics driver. It does what the shader of `egui_glow`
-//! does.
+//! Software painter of egui's triangles: slow, but deterministic, so that screenshots can be
+//! compared without a graphics driver. Equivalent to the shader of `egui_glow`.
 
 use egui::{
     Color32, ColorImage, Context, FullOutput, Rect, TextureFilter, TextureId, TexturesDelta,
@@ -10,7 +9,7 @@ use egui_kittest::TestRenderer;
 use image::{Rgb, RgbImage};
 use std::{cell::RefCell, collections::HashMap, rc::Rc};
 
-/// The textures of a window, shared with the harness that tells of them.
+/// Textures of a window, shared with the harness that updates them.
 #[derive(Clone, Default)]
 pub(super) struct Painter(Rc<RefCell<HashMap<TextureId, Texture>>>);
 
@@ -38,7 +37,7 @@ impl TestRenderer for Painter {
                 }
             }
         }
-        // What is free now may still be on the last picture; tests are short enough to keep it.
+        // Freed textures are kept: the last image may still use them, and tests are short.
         delta.clear();
     }
 }
@@ -51,7 +50,7 @@ impl Texture {
         }
     }
 
-    /// The colour at (u, v), 0 to 1 each.
+    /// Samples the colour at (u, v), 0 to 1 each.
     fn sample(&self, u: f64, v: f64) -> [f64; 4] {
         let [width, height] = self.image.size;
         let texel = |x: f64, y: f64| {

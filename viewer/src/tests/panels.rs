@@ -1,7 +1,7 @@
 use super::*;
 use egui::{Key, accesskit::Role};
 
-/// Roles of things that can be operated.
+/// Roles of controls.
 const CONTROLS: [Role; 7] = [
     Role::Button,
     Role::CheckBox,
@@ -12,7 +12,7 @@ const CONTROLS: [Role; 7] = [
     Role::TextInput,
 ];
 
-/// Controls of egui's own windows, whose names say all there is to say.
+/// Controls of egui's own windows, which need no tooltip.
 const OWN_NAMES: [&str; 1] = ["Close window"];
 
 /// Labels of controls without a tooltip.
@@ -22,7 +22,7 @@ fn without_tooltip(window: &Window) -> Vec<String> {
         .map(|node| node.accesskit_node())
         .filter(|node| CONTROLS.contains(&node.role()))
         .collect();
-    // The number beside a slider shares the slider's tooltip.
+    // The number of a slider shares the slider's tooltip.
     let in_slider = |label: &Option<String>| {
         controls
             .iter()
@@ -51,7 +51,7 @@ fn every_control_has_a_tooltip() {
     );
     click(&mut window, "Record");
     window.run_steps(20);
-    // Section headers fold and unfold; their names say all there is to say.
+    // Section headers need no tooltip.
     let headers = ["View", "Tests", "Statistics", "Camera", "Display", "Record"];
     let bare: Vec<_> = without_tooltip(&window);
     let bare: Vec<_> = bare
@@ -110,7 +110,7 @@ fn the_start_page_opens_scenes() {
     assert!(window.state().info.as_ref().unwrap().plan.is_some());
 }
 
-/// A file as the desktop drops it.
+/// A file dropped by the desktop.
 #[derive(Debug)]
 struct Dropped(std::path::PathBuf);
 
@@ -174,7 +174,7 @@ fn in_a_narrow_window_the_panel_folds_away_and_lies_over_the_frame() {
     window.set_size([480.0, 360.0].into());
     settle(&mut window);
     let size_px = |window: &Window| window.state().view_request.as_ref().unwrap().size_px;
-    // But for a margin of the harness's.
+    // Except for the margin of the harness.
     let whole = [480 - 16, 360 - 16];
     assert_eq!(size_px(&window), whole, "the frame has all of the window");
     assert!(window.query_by_label("Lamp").is_none());
@@ -229,7 +229,7 @@ fn the_path_field_goes_to_folders_and_opens_files() {
     assert_eq!(list.enter_path("none.room"), None);
 }
 
-/// Clicks at a place, as a hand does.
+/// Clicks at a position.
 fn click_at(window: &mut Window, at: egui::Pos2) {
     for pressed in [true, false] {
         window.hover_at(at);
@@ -249,7 +249,7 @@ fn click_at(window: &mut Window, at: egui::Pos2) {
 fn a_row_is_clicked_anywhere_along_it() {
     let mut window = start_page();
     window.run_steps(3);
-    // Below its name, beside the words.
+    // Below the name, beside the text.
     let name = window.get_by_label("Checker hall").rect();
     click_at(
         &mut window,
@@ -257,7 +257,7 @@ fn a_row_is_clicked_anywhere_along_it() {
     );
     wait(&mut window, "the hall", |viewer| viewer.shown.is_some());
     window.run_steps(3);
-    // A heading folds at its far end.
+    // A heading folds by a click at its far end.
     assert!(window.query_by_label("Compare A with B").is_some());
     let heading = window.get_by_label("Display").rect();
     assert!(heading.width() > 200.0, "{heading:?}");

@@ -11,7 +11,7 @@ fn asks_to_close(window: &Window) -> bool {
 }
 
 #[test]
-fn the_window_closes_after_the_frames_asked_for() {
+fn window_closes_after_requested_frames() {
     let mut window = room_with(
         Kind::Headbox,
         ViewerOptions {
@@ -39,7 +39,7 @@ fn the_window_closes_after_the_thumbnails() {
         ..Default::default()
     };
     let mut window = open(None, options);
-    // It may have asked to close already: building a window runs passes that nobody sees.
+    // Building a window already runs passes, in which it may have requested to close.
     wait(&mut window, "the end", |viewer| {
         viewer.automation.is_closing()
     });
@@ -47,7 +47,7 @@ fn the_window_closes_after_the_thumbnails() {
 }
 
 #[test]
-fn the_window_closes_when_the_view_cannot_become_better() {
+fn window_closes_when_refined() {
     let settings = vec![("refine".into(), "on".into())];
     let options = ViewerOptions {
         exit: Exit::WhenRefined,
@@ -81,7 +81,7 @@ fn any_error_ends_a_scripted_run() {
 }
 
 #[test]
-fn unknown_settings_are_told() {
+fn unknown_settings_are_reported() {
     let settings = vec![("lmap".into(), "on".into()), ("lamp".into(), "off".into())];
     let window = room_with(
         Kind::Headbox,

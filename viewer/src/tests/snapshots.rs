@@ -1,6 +1,6 @@
-//! Pictures of the window, compared with those in `snapshots/`. `UPDATE_SNAPSHOTS=1 cargo test -p
-//! headbox-viewer` writes them anew: look at them then. A picture that differs is left beside the
-//! old one as `NAME.new.png`.
+//! Screenshots of the window, compared with those in `snapshots/`.
+//! `UPDATE_SNAPSHOTS=1 cargo test -p headbox-viewer` rewrites them; inspect them afterwards. A
+//! screenshot that differs is saved beside the old one as `NAME.new.png`.
 
 use super::{painter::Painter, *};
 use crate::input::keymap::Command;
@@ -10,11 +10,10 @@ use headbox_core::view::Stage;
 use image::RgbImage;
 use std::path::{Path, PathBuf};
 
-/// Levels of 255 by which a channel may differ: colours that are interpolated and blended in
-/// another order.
+/// Maximum difference of a channel, levels: interpolation and blending in another order.
 const LEVELS: u8 = 6;
-/// Share of the pixels that may differ by more: edges of glyphs and checks whose sines are rounded
-/// in another way.
+/// Share of the pixels that may differ by more: edges of glyphs, and checks whose sines are rounded
+/// differently.
 const PIXELS: f64 = 0.001;
 
 /// A window with a painter.
@@ -39,7 +38,7 @@ fn of_room(kind: Kind, options: ViewerOptions) -> Painted {
     painted
 }
 
-/// Puts the same times into every window: measured ones differ.
+/// Replaces the measured times, which differ from run to run, by constants.
 fn invent_times(viewer: &mut Viewer) {
     let Some(shown) = &mut viewer.shown else {
         return;
@@ -70,10 +69,10 @@ fn invent_times(viewer: &mut Viewer) {
 }
 
 impl Painted {
-    /// Compares the window with the picture called `name`.
+    /// Compares the window with the screenshot `name`.
     fn compare(&mut self, name: &str) {
         invent_times(self.window.state_mut());
-        // Columns are as wide as they were in the pass before.
+        // Columns have the width of the previous pass.
         self.window.run_steps(4);
         let background = crate::panels::theme::BACKDROP;
         let picture = self
@@ -179,7 +178,7 @@ fn keys_and_messages() {
         Command::TogglePlayback,
         Command::LoadPath("no/such/path.json".into()),
     ]);
-    // A list takes a few passes to find its size and to fade in.
+    // A list needs a few passes to measure its size and to fade in.
     room.window.run_steps(30);
     room.compare("keys_messages");
 }
@@ -202,14 +201,14 @@ fn a_window_of_next_to_no_size_is_laid_out() {
             "{width}x{height} px"
         );
     }
-    // The panel keeps the width that it last had room for.
+    // The panel keeps its last width.
     assert!(
         room.window.state().view_request.as_ref().unwrap().size_px[0] > 500,
         "the frame has its place again"
     );
 }
 
-/// 480 points are enough for the frame with its inset, and for the panel over it.
+/// 480 points suffice for the frame with its inset, and for the panel over it.
 #[test]
 fn narrow_window() {
     let mut room = of_room(Kind::Headbox, ViewerOptions::default());
