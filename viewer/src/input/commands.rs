@@ -6,12 +6,13 @@ use crate::playback::eye_path::CameraPath;
 use crate::playback::{camera_file, export};
 use crate::thread::exchange::{ExportOrder, Location, Order};
 use crate::thread::session::Opening;
+use crate::thread::slot::lock;
 use crate::window::app::Viewer;
 use crate::window::messages::Kind;
 use egui::{Context, ViewportCommand};
 use std::{
     path::Path,
-    sync::{Arc, Mutex, PoisonError},
+    sync::{Arc, Mutex},
     time::Instant,
 };
 
@@ -146,7 +147,7 @@ impl Viewer {
     pub(crate) fn collect_shots(&mut self, now_s: f64) {
         let messages = &mut self.messages;
         self.pending_shots.retain(|(path, result)| {
-            let result = result.lock().unwrap_or_else(PoisonError::into_inner).take();
+            let result = lock(&result).take();
             match &result {
                 Some(Ok(())) => {
                     messages.add(Kind::Done, format!("Saved {}.", path.display()), now_s);

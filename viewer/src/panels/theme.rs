@@ -107,7 +107,7 @@ mod tests {
         assert!((contrast(Color32::from_gray(118), Color32::WHITE) - 4.54).abs() < 0.01);
     }
 
-    /// 4.5:1 is what WCAG 2.1 AA asks of text.
+    /// Minimum contrast of text: 4.5:1 by WCAG 2.1 AA.
     #[test]
     fn all_text_stands_out_from_what_is_behind_it() {
         let ctx = Context::default();
@@ -127,7 +127,7 @@ mod tests {
                 visuals.selection.bg_fill,
             ),
             ("strip", Color32::WHITE, STRIP),
-            // Insets and legends lie over any frame: over white, their backing is the brightest.
+            // Insets and legends may cover any frame; their background is brightest over white.
             ("inset", INSET_TEXT, over_white(INSET)),
             ("legend", Color32::WHITE, over_white(LEGEND)),
             ("start page", visuals.text_color(), BACKDROP),

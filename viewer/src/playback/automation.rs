@@ -1,11 +1,12 @@
 //! Scripted run of the window: its end, its screenshot and its outcome.
 
 use crate::playback::export;
+use crate::thread::slot::lock;
 use crate::window::options::{Exit, Summary};
 use egui::{Context, ViewportCommand};
 use std::{
     path::PathBuf,
-    sync::{Arc, Mutex, PoisonError},
+    sync::{Arc, Mutex},
 };
 
 /// Outcome of a run of the window; shared with [`run`](crate::run), which outlives the window.
@@ -90,11 +91,7 @@ impl Automation {
             }
             return None;
         }
-        let taken = self
-            .taken
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
-            .take();
+        let taken = lock(&self.taken).take();
         if let Some(result) = taken {
             self.close(ctx);
             return result.err();
@@ -119,7 +116,7 @@ pub(crate) fn save_screenshot(
     ctx.request_screenshot(move |image| {
         let written = export::write_png(&path, image.width(), bytemuck::cast_slice(&image.pixels));
         let result = written.map_err(|e| format!("{} cannot be written: {e}", path.display()));
-        *taken.lock().unwrap_or_else(PoisonError::into_inner) = Some(result);
+        *lock(&taken) = Some(result);
         repaint.request_repaint();
     });
 }

@@ -103,7 +103,7 @@ mod tests {
             recent.add(&dir.path().join("link.ldi"));
         }
         assert_eq!(recent.paths().collect::<Vec<_>>(), [canonical(&file)]);
-        // Lists that were kept before say it in several ways.
+        // Older lists may have several paths for one file.
         let ways = ["room.ldi", "folder/../room.ldi"].map(|way| dir.path().join(way));
         std::fs::write(&kept, serde_json::to_string(&ways).unwrap()).unwrap();
         assert_eq!(RecentFiles::read(Some(kept)).paths().count(), 1);

@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 /// Rounding error of poses converted to JSON and degrees, metres.
 const FILE_TOLERANCE_M: f64 = 1e-9;
 
-fn saving_to(dir: &Path) -> Window {
+fn window_saving_to(dir: &Path) -> Window {
     room_with(
         Kind::Headbox,
         ViewerOptions {
@@ -42,7 +42,7 @@ fn path_file(dir: &Path) -> PathBuf {
 #[test]
 fn the_frame_is_saved_as_it_is_shown() {
     let dir = tempfile::tempdir().unwrap();
-    let mut window = saving_to(dir.path());
+    let mut window = window_saving_to(dir.path());
     settle(&mut window);
     press(&mut window, Key::P);
     wait(&mut window, "the file", |viewer| {
@@ -65,7 +65,7 @@ fn the_frame_is_saved_as_it_is_shown() {
 #[test]
 fn the_camera_is_saved_in_the_words_of_the_command_line() {
     let dir = tempfile::tempdir().unwrap();
-    let mut window = saving_to(dir.path());
+    let mut window = window_saving_to(dir.path());
     settle(&mut window);
     press(&mut window, Key::K);
     wait(&mut window, "the file", |viewer| {
@@ -77,10 +77,7 @@ fn the_camera_is_saved_in_the_words_of_the_command_line() {
         30.0,
     )
     .unwrap();
-    assert_eq!(
-        [cameras[0].width(), cameras[0].height()],
-        window.state().view_request.as_ref().unwrap().size_px
-    );
+    assert_eq!([cameras[0].width(), cameras[0].height()], size_px(&window));
     assert!(
         cameras[0]
             .forward()
@@ -94,7 +91,7 @@ fn a_file_that_cannot_be_written_is_a_message() {
     let dir = tempfile::tempdir().unwrap();
     let file = dir.path().join("file");
     std::fs::write(&file, "").unwrap();
-    let mut window = saving_to(&file);
+    let mut window = window_saving_to(&file);
     press(&mut window, Key::P);
     wait(&mut window, "the message", |viewer| {
         viewer.messages.iter().len() == 1
@@ -109,7 +106,7 @@ fn a_file_that_cannot_be_written_is_a_message() {
 #[test]
 fn recorded_path_is_replayed_and_saved() {
     let dir = tempfile::tempdir().unwrap();
-    let mut window = saving_to(dir.path());
+    let mut window = window_saving_to(dir.path());
     press(&mut window, Key::R);
     window.key_down(Key::W);
     window.run_steps(30);
@@ -203,10 +200,7 @@ fn a_path_is_rendered_to_frames() {
     let frames = dir.path().join("path-0001.frames");
     assert_eq!(std::fs::read_dir(&frames).unwrap().count(), 5);
     let last = image::open(frames.join("frame-00004.png")).unwrap();
-    assert_eq!(
-        [last.width(), last.height()],
-        window.state().view_request.as_ref().unwrap().size_px
-    );
+    assert_eq!([last.width(), last.height()], size_px(&window));
 }
 
 #[test]

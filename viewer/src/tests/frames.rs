@@ -39,7 +39,7 @@ fn the_frame_on_the_screen_is_the_newest_view_in_window_pixels() {
 fn stereo_shows_two_eyes_side_by_side() {
     let mut window = room();
     settle(&mut window);
-    let whole = window.state().view_request.as_ref().unwrap().size_px;
+    let whole = size_px(&window);
     press(&mut window, Key::X);
     settle(&mut window);
     assert_eq!(window.state().display.stereo, Stereo::CrossEyed);
@@ -98,7 +98,7 @@ fn the_divider_can_be_dragged() {
     let pose = window.state().eye.pose;
     // Except for the margin of the harness.
     let frame_right = SIZE_POINTS[0] - 8.0;
-    let frame_width = window.state().view_request.as_ref().unwrap().size_px[0] as f32;
+    let frame_width = size_px(&window)[0] as f32;
     let middle = egui::pos2(frame_right - frame_width / 2.0, 500.0);
     window.drag_at(middle);
     window.step();

@@ -140,3 +140,8 @@ fn texts(window: &Window) -> Vec<String> {
         .map(|message| message.text.clone())
         .collect()
 }
+
+/// Size of the requested frame, pixels.
+fn size_px(window: &Window) -> [u32; 2] {
+    window.state().view_request.as_ref().unwrap().size_px
+}

@@ -74,7 +74,7 @@ impl Texture {
 }
 
 impl Painter {
-    /// The picture of a pass, over `background`.
+    /// Image of a pass over `background`.
     pub(super) fn picture(
         &self,
         ctx: &Context,
@@ -163,7 +163,7 @@ impl Canvas {
             let high = p.iter().map(|p| p[axis]).fold(f64::NEG_INFINITY, f64::max);
             (low.floor().max(start as f64) as usize)..(high.ceil().clamp(0.0, end as f64) as usize)
         };
-        // A centre on an edge that two triangles share belongs to the one of which it is a top or
+        // A centre on an edge shared by two triangles belongs to the one of which it is a top or
         // left edge.
         let owns = [0, 1, 2].map(|i| {
             let [a, b] = [p[(i + 1) % 3], p[(i + 2) % 3]];

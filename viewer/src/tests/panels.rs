@@ -82,17 +82,14 @@ fn f1_lists_the_keys_and_escape_closes_the_list() {
 fn panels_can_be_hidden_and_the_frame_takes_their_place() {
     let mut window = room();
     settle(&mut window);
-    let narrow = window.state().view_request.as_ref().unwrap().size_px;
+    let narrow = size_px(&window);
     press(&mut window, Key::H);
     settle(&mut window);
     assert!(window.query_by_label("Lamp").is_none());
-    assert!(window.state().view_request.as_ref().unwrap().size_px[0] > narrow[0] + 200);
+    assert!(size_px(&window)[0] > narrow[0] + 200);
     press(&mut window, Key::H);
     settle(&mut window);
-    assert_eq!(
-        window.state().view_request.as_ref().unwrap().size_px,
-        narrow
-    );
+    assert_eq!(size_px(&window), narrow);
 }
 
 #[test]
@@ -173,7 +170,6 @@ fn in_a_narrow_window_the_panel_folds_away_and_lies_over_the_frame() {
     let mut window = room();
     window.set_size([480.0, 360.0].into());
     settle(&mut window);
-    let size_px = |window: &Window| window.state().view_request.as_ref().unwrap().size_px;
     // Except for the margin of the harness.
     let whole = [480 - 16, 360 - 16];
     assert_eq!(size_px(&window), whole, "the frame has all of the window");

@@ -2,7 +2,7 @@ use super::*;
 use crate::Exit;
 use egui::ViewportCommand;
 
-fn asks_to_close(window: &Window) -> bool {
+fn is_closing(window: &Window) -> bool {
     window
         .output()
         .viewport_output
@@ -20,7 +20,7 @@ fn window_closes_after_requested_frames() {
         },
     );
     step_until(&mut window, "the end", |window| {
-        asks_to_close(window) || window.state().automation.is_closing()
+        is_closing(window) || window.state().automation.is_closing()
     });
     let outcome = window.state().outcome.lock().unwrap().clone();
     assert!(outcome.error.is_none());

@@ -29,7 +29,7 @@ fn painted(source: Option<CheckerRoom>, options: ViewerOptions) -> Painted {
     Painted { window, painter }
 }
 
-fn of_room(kind: Kind, options: ViewerOptions) -> Painted {
+fn paint_room(kind: Kind, options: ViewerOptions) -> Painted {
     let mut painted = painted(Some(CheckerRoom::new(kind)), options);
     wait(&mut painted.window, "the first frame", |viewer| {
         viewer.shown.is_some()
@@ -39,7 +39,7 @@ fn of_room(kind: Kind, options: ViewerOptions) -> Painted {
 }
 
 /// Replaces the measured times, which differ from run to run, by constants.
-fn invent_times(viewer: &mut Viewer) {
+fn replace_times(viewer: &mut Viewer) {
     let Some(shown) = &mut viewer.shown else {
         return;
     };
@@ -71,7 +71,7 @@ fn invent_times(viewer: &mut Viewer) {
 impl Painted {
     /// Compares the window with the screenshot `name`.
     fn compare(&mut self, name: &str) {
-        invent_times(self.window.state_mut());
+        replace_times(self.window.state_mut());
         // Columns have the width of the previous pass.
         self.window.run_steps(4);
         let background = crate::panels::theme::BACKDROP;
@@ -137,7 +137,7 @@ fn start_page() {
 
 #[test]
 fn panels_and_headbox() {
-    of_room(Kind::Headbox, ViewerOptions::default()).compare("headbox");
+    paint_room(Kind::Headbox, ViewerOptions::default()).compare("headbox");
 }
 
 #[test]
@@ -148,13 +148,13 @@ fn comparison_in_stereo() {
         stereo: crate::Stereo::CrossEyed,
         ..ViewerOptions::default()
     };
-    of_room(Kind::Headbox, options).compare("compare_stereo");
+    paint_room(Kind::Headbox, options).compare("compare_stereo");
 }
 
 #[test]
 fn plan_fact_and_legend() {
     let settings = vec![("overlay".into(), "face".into())];
-    of_room(
+    paint_room(
         Kind::Walk,
         ViewerOptions {
             settings,
@@ -166,7 +166,7 @@ fn plan_fact_and_legend() {
 
 #[test]
 fn keys_and_messages() {
-    let mut room = of_room(
+    let mut room = paint_room(
         Kind::Orbit,
         ViewerOptions {
             panels: false,
@@ -185,7 +185,7 @@ fn keys_and_messages() {
 
 #[test]
 fn a_window_of_next_to_no_size_is_laid_out() {
-    let mut room = of_room(Kind::Headbox, ViewerOptions::default());
+    let mut room = paint_room(Kind::Headbox, ViewerOptions::default());
     for size in [
         [1.0, 1.0],
         [40.0, 30.0],
@@ -195,7 +195,7 @@ fn a_window_of_next_to_no_size_is_laid_out() {
     ] {
         room.window.set_size(size.into());
         settle(&mut room.window);
-        let [width, height] = room.window.state().view_request.as_ref().unwrap().size_px;
+        let [width, height] = size_px(&room.window);
         assert!(
             width >= 1 && height >= 1 && width <= 900 && height <= 680,
             "{width}x{height} px"
@@ -203,7 +203,7 @@ fn a_window_of_next_to_no_size_is_laid_out() {
     }
     // The panel keeps its last width.
     assert!(
-        room.window.state().view_request.as_ref().unwrap().size_px[0] > 500,
+        size_px(&room.window)[0] > 500,
         "the frame has its place again"
     );
 }
@@ -211,7 +211,7 @@ fn a_window_of_next_to_no_size_is_laid_out() {
 /// 480 points suffice for the frame with its inset, and for the panel over it.
 #[test]
 fn narrow_window() {
-    let mut room = of_room(Kind::Headbox, ViewerOptions::default());
+    let mut room = paint_room(Kind::Headbox, ViewerOptions::default());
     room.window.set_size([480.0, 360.0].into());
     settle(&mut room.window);
     room.compare("narrow");

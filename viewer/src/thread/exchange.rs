@@ -4,14 +4,14 @@ use crate::input::bounds::EyeBounds;
 use crate::input::pose::Pose;
 use crate::playback::eye_path::CameraPath;
 use crate::source::{Entry, FrameSource, Thumbnail};
-use crate::thread::slot::{Inbox, Slot};
+use crate::thread::slot::{Inbox, Slot, lock};
 use egui::{Color32, ColorImage};
 use headbox_core::camera::Camera;
 use headbox_core::file_frame::FileFrame;
 use headbox_core::view::{FrameReport, Navigation, RoomMap, Setting, SettingValues};
 use std::{
     path::PathBuf,
-    sync::{Arc, Mutex, PoisonError},
+    sync::{Arc, Mutex},
     time::Instant,
 };
 
@@ -158,11 +158,7 @@ pub(crate) struct Shared {
 impl Shared {
     /// Returns a buffer of `len` pixels, from the pool if possible.
     pub(crate) fn buffer(&self, len: usize) -> Vec<Color32> {
-        let used = self
-            .pool
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
-            .pop();
+        let used = lock(&self.pool).pop();
         let mut buffer = used.unwrap_or_default();
         buffer.resize(len, Color32::TRANSPARENT);
         buffer
@@ -173,7 +169,7 @@ impl Shared {
         let buffers = pictures
             .into_iter()
             .filter_map(|picture| Arc::into_inner(picture.image));
-        let mut pool = self.pool.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut pool = lock(&self.pool);
         pool.extend(buffers.map(|image| image.pixels));
         pool.truncate(Self::MAX_POOLED);
     }

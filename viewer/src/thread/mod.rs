@@ -4,5 +4,5 @@ pub(crate) mod exchange;
 pub(crate) mod history;
 pub(crate) mod resolution;
 pub(crate) mod session;
-mod slot;
+pub(crate) mod slot;
 mod worker;

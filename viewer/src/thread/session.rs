@@ -42,13 +42,11 @@ impl Session {
             Arc::clone(&shared),
             sender.clone(),
             Arc::clone(&wake),
-            source,
-            coming,
             library,
         );
         let thread = Builder::new()
             .name("render".into())
-            .spawn(move || worker.run())?;
+            .spawn(move || worker.run(source, coming))?;
         Ok(Self {
             shared,
             sender,

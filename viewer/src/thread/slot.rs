@@ -135,8 +135,9 @@ impl<Order, Job> Inbox<Order, Job> {
     }
 }
 
-/// Locks the mutex. A poisoned lock is still valid: values are replaced as a whole.
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+/// Locks a mutex, even after a panic of another thread: no code of the viewer panics while it holds
+/// an inconsistent value.
+pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 

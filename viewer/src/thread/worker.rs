@@ -23,7 +23,6 @@ pub(crate) struct Worker {
     events: mpsc::Sender<Event>,
     wake: WakeCallback,
     source: Option<Box<dyn FrameSource>>,
-    coming: Option<PendingSource>,
     /// Number of sources so far: a job for an earlier one is dropped.
     source_id: u64,
     library: Option<Box<dyn Library>>,
@@ -45,16 +44,13 @@ impl Worker {
         shared: Arc<Shared>,
         events: mpsc::Sender<Event>,
         wake: WakeCallback,
-        source: Option<Box<dyn FrameSource>>,
-        coming: Option<PendingSource>,
         library: Option<Box<dyn Library>>,
     ) -> Self {
         Self {
             shared,
             events,
             wake,
-            source,
-            coming,
+            source: None,
             source_id: 0,
             library,
             without_thumbnail: Vec::new(),
@@ -63,10 +59,14 @@ impl Worker {
         }
     }
 
-    /// Runs until the window closes the inbox. The newest view has priority, then exports,
-    /// refinement and thumbnails.
-    pub(crate) fn run(mut self) {
-        if let Some(source) = self.source.take() {
+    /// Runs until the window closes the inbox, initially with `source` or with one that another
+    /// thread opens. The newest view has priority, then exports, refinement and thumbnails.
+    pub(crate) fn run(
+        mut self,
+        source: Option<Box<dyn FrameSource>>,
+        coming: Option<PendingSource>,
+    ) {
+        if let Some(source) = source {
             self.install(source);
         }
         if let Some(library) = &self.library {
@@ -77,11 +77,11 @@ impl Worker {
                 extensions,
             });
         }
-        if let Some(coming) = self.coming.take() {
+        if let Some(coming) = coming {
             self.await_source(&coming);
         }
         loop {
-            match self.shared.inbox.next(self.wait_for_request()) {
+            match self.shared.inbox.next(self.request_timeout()) {
                 Next::Closed => return,
                 Next::Order(order) => self.execute(order),
                 Next::Job(job) => self.render(job),
@@ -114,7 +114,7 @@ impl Worker {
     }
 
     /// Timeout of the wait for the next request.
-    fn wait_for_request(&self) -> Wait {
+    fn request_timeout(&self) -> Wait {
         match &self.refinement {
             _ if self.export.is_some() || self.wants_thumbnail() => Wait::No,
             Some((_, due)) => Wait::Until(*due),

@@ -16,6 +16,7 @@ use crate::thread::exchange::{Event, FinishedFrame, Location, SourceInfo};
 use crate::thread::history::{FrameTimes, History, add_stages};
 use crate::thread::resolution::ResolutionPolicy;
 use crate::thread::session::{Opening, Session};
+use crate::thread::slot::lock;
 use crate::window::messages::{Kind, Messages};
 use crate::window::options::ViewerOptions;
 use crate::window::views::Stereo;
@@ -24,7 +25,7 @@ use headbox_core::statistics::median;
 use headbox_core::view::{Refinement, SettingValues};
 use std::{
     path::PathBuf,
-    sync::{Arc, Mutex, PoisonError},
+    sync::{Arc, Mutex},
     time::{Duration, Instant},
 };
 
@@ -371,7 +372,7 @@ impl Viewer {
     fn step_automation(&mut self, ctx: &Context) {
         let first_image = self.run_times.frames_shown > 0;
         {
-            let mut outcome = self.outcome.lock().unwrap_or_else(PoisonError::into_inner);
+            let mut outcome = lock(&self.outcome);
             if self.run_times.passed {
                 let elapsed_s = self.options.started.elapsed().as_secs_f64();
                 outcome.summary.window_s.get_or_insert(elapsed_s);
@@ -414,10 +415,7 @@ impl Viewer {
             error,
         };
         if let Some(error) = self.automation.step(ctx, &progress) {
-            self.outcome
-                .lock()
-                .unwrap_or_else(PoisonError::into_inner)
-                .error = Some(error);
+            lock(&self.outcome).error = Some(error);
         }
         if self.automation.is_closing() {
             self.write_summary();
@@ -426,7 +424,7 @@ impl Viewer {
 
     /// Writes the measurements of the run to the summary.
     pub(crate) fn write_summary(&self) {
-        let mut outcome = self.outcome.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut outcome = lock(&self.outcome);
         let summary = &mut outcome.summary;
         if let (Some(first), Some(last)) = (self.run_times.first, self.run_times.last)
             && last > first

@@ -4,12 +4,13 @@ use crate::panels::theme;
 use crate::playback::automation::Outcome;
 use crate::source::FrameSource;
 use crate::thread::session::Session;
+use crate::thread::slot::lock;
 use crate::window::app::Viewer;
 use crate::window::options::{Exit, Summary, ViewerError, ViewerOptions};
 use eframe::{App, CreationContext, Frame, NativeOptions, Renderer};
 use egui::Context;
 use std::{
-    sync::{Arc, Mutex, PoisonError},
+    sync::{Arc, Mutex},
     time::Duration,
 };
 
@@ -44,10 +45,7 @@ pub fn run(
         ..NativeOptions::default()
     };
     let closed = eframe::run_native("headbox", native, Box::new(creator));
-    let outcome = outcome
-        .lock()
-        .unwrap_or_else(PoisonError::into_inner)
-        .clone();
+    let outcome = lock(&outcome).clone();
     match (closed, outcome.error) {
         (Err(eframe::Error::AppCreation(error)), _) => match error.downcast::<std::io::Error>() {
             Ok(error) => Err(ViewerError::Thread(*error)),

@@ -33,11 +33,7 @@ impl Stereo {
     /// Next mode, cyclically.
     #[must_use]
     pub fn next(self) -> Self {
-        match self {
-            Self::Off => Self::CrossEyed,
-            Self::CrossEyed => Self::Parallel,
-            Self::Parallel => Self::Off,
-        }
+        Self::ALL[(self as usize + 1) % Self::ALL.len()]
     }
 
     /// Number of views side by side on the screen.
