@@ -38,17 +38,20 @@ pub(super) fn parse_length(text: &str) -> Result<f64, String> {
 
 /// Parses an image size, `WIDTHxHEIGHT`.
 pub(super) fn parse_size(text: &str) -> Result<(u32, u32), String> {
-    let sides = text
-        .split_once(['x', 'X'])
-        .and_then(|(w, h)| Some((w.parse().ok()?, h.parse().ok()?)));
     let allowed = 1..=Camera::MAX_SIDE_PX;
-    match sides {
+    match parse_sides(text) {
         Some((w, h)) if allowed.contains(&w) && allowed.contains(&h) => Ok((w, h)),
         _ => Err(format!(
             "give WIDTHxHEIGHT in pixels, each from 1 to {}, such as 1024x768",
             Camera::MAX_SIDE_PX
         )),
     }
+}
+
+/// Parses two integers, `AxB`.
+pub(super) fn parse_sides(text: &str) -> Option<(u32, u32)> {
+    let (a, b) = text.split_once(['x', 'X'])?;
+    Some((a.parse().ok()?, b.parse().ok()?))
 }
 
 /// Parses an up axis.
@@ -374,10 +377,7 @@ impl CameraArgs {
             .into_iter()
             .find(|(flag, is_given)| *is_given && *flag != "--size")
         {
-            return Err(UsageError(format!(
-                "{flag} has no meaning with --path, which says it; leave it out"
-            ))
-            .into());
+            bail_usage!("{flag} has no meaning with --path, which says it; leave it out");
         }
         let Some((width, height)) = self.size else {
             return Ok(cameras);
@@ -420,10 +420,7 @@ impl CameraArgs {
             .look_at
             .map_or(eye + default.forward, |point| frame.world_from_file(point));
         if self.up_vector == Some(DVec3::ZERO) {
-            return Err(UsageError(
-                "--up-vector has no direction; give three numbers that are not all 0".into(),
-            )
-            .into());
+            bail_usage!("--up-vector has no direction; give three numbers that are not all 0");
         }
         let up = self
             .up_vector

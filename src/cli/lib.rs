@@ -11,6 +11,11 @@ macro_rules! print {
     ($($text:tt)*) => { $crate::output::print_text(format_args!($($text)*)) };
 }
 
+/// Returns a [`UsageError`] with a formatted message.
+macro_rules! bail_usage {
+    ($($text:tt)*) => { return Err($crate::messages::UsageError(format!($($text)*)).into()) };
+}
+
 mod args;
 mod commands;
 mod help;

@@ -65,79 +65,27 @@ pub(super) struct OutputKind {
 const FRAME_EXTENSIONS: [&str; 9] = [
     "png", "jpg", "jpeg", "webp", "tif", "tiff", "bmp", "tga", "exr",
 ];
-/// Pictures.
-pub(super) const PICTURE: OutputKind = OutputKind {
-    what: "a picture",
-    allowed: FRAME_EXTENSIONS.split_at(8).0,
-};
-/// Frames: pictures, or linear radiance.
-pub(super) const FRAME: OutputKind = OutputKind {
-    what: "a frame",
-    allowed: &FRAME_EXTENSIONS,
-};
-/// Pictures of the window.
+pub(super) const PICTURE: OutputKind = OutputKind::new("a picture", FRAME_EXTENSIONS.split_at(8).0);
+pub(super) const FRAME: OutputKind = OutputKind::new("a frame", &FRAME_EXTENSIONS);
 #[cfg(feature = "viewer")]
-pub(super) const WINDOW: OutputKind = OutputKind {
-    what: "a picture of the window",
-    allowed: &["png"],
-};
-/// Depth.
-pub(super) const DEPTH: OutputKind = OutputKind {
-    what: "a picture of depth",
-    allowed: &["exr"],
-};
-/// Cube LDIs.
-pub(super) const CUBE: OutputKind = OutputKind {
-    what: "a cube LDI",
-    allowed: &["ldi"],
-};
-/// Parts of cube LDIs.
-pub(super) const SHARD: OutputKind = OutputKind {
-    what: "a shard of a capture",
-    allowed: &["shard"],
-};
-/// Sprites with depth.
-pub(super) const SPRITES: OutputKind = OutputKind {
-    what: "sprites with depth",
-    allowed: &["sprite"],
-};
-/// Lumigraphs.
-pub(super) const LUMIGRAPH: OutputKind = OutputKind {
-    what: "a lumigraph",
-    allowed: &["lumi"],
-};
-/// Houses.
-pub(super) const HOUSE: OutputKind = OutputKind {
-    what: "a house",
-    allowed: &["house"],
-};
-/// Plans of houses.
-pub(super) const PLAN: OutputKind = OutputKind {
-    what: "a plan",
-    allowed: &["svg"],
-};
-/// Camera paths.
-pub(super) const PATH: OutputKind = OutputKind {
-    what: "a camera path",
-    allowed: &["json"],
-};
-/// Extensions of exports.
-pub(super) const EXPORT: OutputKind = OutputKind {
-    what: "an export",
-    allowed: &["html", "glb", "ply", "exr"],
-};
-/// Films of a path.
-pub(super) const FILM: OutputKind = OutputKind {
-    what: "a film",
-    allowed: &film::ENDINGS,
-};
-/// Pages of text.
-pub(super) const PAGE: OutputKind = OutputKind {
-    what: "a page",
-    allowed: &["md"],
-};
+pub(super) const WINDOW: OutputKind = OutputKind::new("a picture of the window", &["png"]);
+pub(super) const DEPTH: OutputKind = OutputKind::new("a picture of depth", &["exr"]);
+pub(super) const CUBE: OutputKind = OutputKind::new("a cube LDI", &["ldi"]);
+pub(super) const SHARD: OutputKind = OutputKind::new("a shard of a capture", &["shard"]);
+pub(super) const SPRITES: OutputKind = OutputKind::new("sprites with depth", &["sprite"]);
+pub(super) const LUMIGRAPH: OutputKind = OutputKind::new("a lumigraph", &["lumi"]);
+pub(super) const HOUSE: OutputKind = OutputKind::new("a house", &["house"]);
+pub(super) const PLAN: OutputKind = OutputKind::new("a plan", &["svg"]);
+pub(super) const PATH: OutputKind = OutputKind::new("a camera path", &["json"]);
+pub(super) const EXPORT: OutputKind = OutputKind::new("an export", &["html", "glb", "ply", "exr"]);
+pub(super) const FILM: OutputKind = OutputKind::new("a film", &film::ENDINGS);
+pub(super) const PAGE: OutputKind = OutputKind::new("a page", &["md"]);
 
 impl OutputKind {
+    const fn new(what: &'static str, allowed: &'static [&'static str]) -> Self {
+        Self { what, allowed }
+    }
+
     fn check_extension(&self, path: &Path) -> Result<(), UsageError> {
         let ending = path.extension().unwrap_or_default();
         if self
@@ -205,10 +153,7 @@ impl Outputs {
         self.check(path)?;
         if path.as_os_str() == files::STANDARD_OUTPUT {
             if self.json {
-                return Err(UsageError(
-                    "-o - and --json both write to standard output; leave one out".into(),
-                )
-                .into());
+                bail_usage!("-o - and --json both write to standard output; leave one out");
             }
             STDOUT_IS_OUTPUT.store(true, Ordering::Relaxed);
         } else if !files::is_stream(path)? {
@@ -216,11 +161,7 @@ impl Outputs {
         }
         let place = canonical_path(path);
         if self.files.contains(&place) {
-            return Err(UsageError(format!(
-                "{}: two outputs would be written to it",
-                path.display()
-            ))
-            .into());
+            bail_usage!("{}: two outputs would be written to it", path.display());
         }
         self.files.push(place);
         Ok(self)
@@ -260,10 +201,9 @@ impl Outputs {
                 .map(|ending| format!(".{ending}"))
                 .collect();
             let (path, films) = (path.display(), films.join(", "));
-            let message = format!(
+            bail_usage!(
                 "{path}: the ending of a film is one of {films}; for a picture of each pose, name a folder"
             );
-            return Err(UsageError(message).into());
         }
         self.folder(path)
     }

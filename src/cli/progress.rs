@@ -296,7 +296,7 @@ mod tests {
             std::thread::sleep(Duration::from_millis(20));
             bar.advance(1);
             let (share, left) = bar.reported(&bar.stage());
-            // Nine tenths of a stage of which one took 20 ms or more.
+            // One tenth of the stage took at least 20 ms, nine are left.
             assert!(
                 share < 1.0 && left.is_some_and(|left| left >= 0.18),
                 "{share} {left:?}"
@@ -346,7 +346,7 @@ mod tests {
         let mut shares = vec![share()];
         for part in 0..2 {
             bar.begin_part("scene", part, 2);
-            // Fewer looks than were planned: the bar goes on with what comes after.
+            // Fewer rounds than planned: the bar continues with the next stage.
             for stage in ["pilot", "trace", "look", "light"] {
                 bar.begin(stage, "steps", 4);
                 shares.push(share());

@@ -21,8 +21,12 @@ pub struct Exporter {
     /// Extension of the file, without the dot.
     pub extension: &'static str,
     /// Writes the file.
-    pub write: fn(&dyn View, &ExportOptions, &mut dyn Write) -> Result<ExportSummary, ViewError>,
+    pub write: WriteView,
 }
+
+/// Function that exports a view.
+pub type WriteView =
+    fn(&dyn View, &ExportOptions, &mut dyn Write) -> Result<ExportSummary, ViewError>;
 
 /// Options of exports; a format ignores those of other formats.
 #[derive(Clone, Debug)]
@@ -86,8 +90,6 @@ pub(super) const HOUSE: [Exporter; 1] = [Exporter {
         Ok(ExportSummary::default())
     },
 }];
-
-type WriteView = fn(&dyn View, &ExportOptions, &mut dyn Write) -> Result<ExportSummary, ViewError>;
 
 /// Exporters of representations that are, or can be converted to, a cube LDI.
 const fn cube_exporters(page: WriteView) -> [Exporter; 4] {

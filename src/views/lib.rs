@@ -16,7 +16,7 @@ mod reference;
 mod tests;
 mod truth;
 
-pub use export::{ExportOptions, ExportSummary, Exporter};
+pub use export::{ExportOptions, ExportSummary, Exporter, WriteView};
 pub use reference::LitScene;
 pub use truth::{OpenScene, TruthView};
 

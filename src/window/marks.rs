@@ -362,10 +362,10 @@ mod tests {
                 color != [200, 100, 50]
             })
         };
-        // Amid the three the other two stand beside, out of sight.
+        // From the middle camera, the other two are outside of the frame.
         assert_eq!(changed(DVec3::ZERO), 0);
         assert_eq!(changed(DVec3::new(0.0, 0.0, -3.0)), 0);
-        // What reaches past the eye's plane is cut off there, from either end.
+        // A line through the eye's plane is clipped there, from either end.
         let camera =
             Camera::from_parts(DVec3::ZERO, DMat3::IDENTITY, 80.0, SIZE[0], SIZE[1]).unwrap();
         let (ahead, behind) = (DVec3::new(0.5, 0.0, -1.0), DVec3::new(0.5, 0.0, 1.0));

@@ -54,7 +54,7 @@ fn render(
     (pixels, report)
 }
 
-/// Looks at a growing capture until there is more of it than points; every look says how far it is.
+/// Polls a live capture until it shows more than points; every frame must report its progress.
 fn first_round(growing: &mut dyn FrameSource) {
     let start = growing.start_pose();
     loop {
@@ -147,7 +147,7 @@ fn live_capture_saves_and_compares() {
         (judged, report) = render(&mut *saved, start, &[("overlay", "error")]);
     }
     let [flip, psnr_db] = ["FLIP", "PSNR"].map(|name| figure(&report, name).unwrap());
-    // A coarse capture of a simple scene: far from perfect, far from another picture.
+    // A coarse capture of a simple scene: far from perfect, but far from another image.
     assert!(
         flip > 0.0 && flip < 0.5 && psnr_db > 15.0,
         "FLIP {flip}, PSNR {psnr_db} dB"
@@ -611,7 +611,7 @@ fn cubes_of_the_nearest_images_follow_the_eye() {
 fn vanished_image_reported_once() {
     let folder = tempfile::tempdir().unwrap();
     let set = six_images(folder.path());
-    // Nothing stays in memory but what was used last.
+    // Only the data used last stay in memory.
     let near = NearImages::new(set.clone(), ImagesJob::suggest(&set), 0).unwrap();
     let start = frame_at(DVec3::ZERO, [SIZE.0, SIZE.1]);
     let mut source = show_live(near, folder.path(), &start).unwrap();

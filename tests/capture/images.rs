@@ -89,7 +89,7 @@ fn rows4(matrix: DMat4) -> Vec<f64> {
     matrix.transpose().to_cols_array().to_vec()
 }
 
-fn words(numbers: impl IntoIterator<Item = f64>) -> String {
+fn join_numbers(numbers: impl IntoIterator<Item = f64>) -> String {
     numbers
         .into_iter()
         .map(|number| format!("{number:.12e}"))
@@ -109,7 +109,7 @@ fn rgbd(folder: &Path) {
         let opencv = matrix(pose) * DMat4::from_diagonal(glam::dvec4(1.0, -1.0, -1.0, 1.0));
         fs::write(
             folder.join(format!("frame-{i:06}.pose.txt")),
-            words(rows4(opencv)),
+            join_numbers(rows4(opencv)),
         )
         .expect("written");
     }
@@ -124,7 +124,7 @@ fn rgbd(folder: &Path) {
         0.0,
         1.0,
     ];
-    fs::write(folder.join("camera-intrinsics.txt"), words(k)).expect("written");
+    fs::write(folder.join("camera-intrinsics.txt"), join_numbers(k)).expect("written");
 }
 
 /// Converts a pose to nerfstudio's world with Z up: (x, y, z) there is (x, z, -y) here.
@@ -180,7 +180,7 @@ fn colmap_text(folder: &Path) {
         images += &format!(
             "{} {} 7 {i}.png\n\n",
             i + 1,
-            words([q.w, q.x, q.y, q.z, t.x, t.y, t.z])
+            join_numbers([q.w, q.x, q.y, q.z, t.x, t.y, t.z])
         );
     }
     fs::write(folder.join("sparse/images.txt"), images).expect("written");
@@ -232,7 +232,7 @@ fn middlebury(folder: &Path) {
         let r = rotation.transpose().to_cols_array();
         lines += &format!(
             "v{i}.png {}\n",
-            words(k.into_iter().chain(r).chain([t.x, t.y, t.z]))
+            join_numbers(k.into_iter().chain(r).chain([t.x, t.y, t.z]))
         );
     }
     fs::write(folder.join("wall_par.txt"), lines).expect("written");
@@ -555,7 +555,7 @@ fn check_warns_of_disagreement_and_equal_poses() {
     let pose = folder.path().join("frame-000001.pose.txt");
     let moved = matrix((poses()[1].0, poses()[1].1 + dvec3(0.0, 0.0, 0.8)));
     let opencv = moved * DMat4::from_diagonal(glam::dvec4(1.0, -1.0, -1.0, 1.0));
-    fs::write(&pose, words(rows4(opencv))).expect("written");
+    fs::write(&pose, join_numbers(rows4(opencv))).expect("written");
     let set = open(folder.path()).expect("opens");
     let report = check(&set, 4, &mut |_| {}).expect("loads");
     assert!(

@@ -69,7 +69,7 @@ fn picture(width: u32, radiance: impl Fn(u32, u32) -> [f32; 3]) -> SkyPicture {
     SkyPicture::new([width, width / 2], texels.collect(), 0.0).expect("a sky")
 }
 
-fn under(picture: SkyPicture) -> Scene {
+fn floor_under(picture: SkyPicture) -> Scene {
     Scene {
         sky: Some(Sky::Picture(Arc::new(picture))),
         ..floor()
@@ -78,7 +78,7 @@ fn under(picture: SkyPicture) -> Scene {
 
 /// Irradiance over pi on level ground from texel (x, y) of a picture with a radiance of 1 there:
 /// the integral of the cosine over its solid angle, over pi.
-fn from_texel(width: u32, y: u32) -> f64 {
+fn texel_irradiance(width: u32, y: u32) -> f64 {
     let sin2 = |y: u32| (f64::from(y) * TAU / f64::from(width)).sin().powi(2);
     TAU / f64::from(width) * (sin2(y + 1) - sin2(y)) / 2.0 / PI
 }
@@ -86,7 +86,10 @@ fn from_texel(width: u32, y: u32) -> f64 {
 #[test]
 fn white_furnace_floor_equals_sky() {
     for width in [2, 6, 64] {
-        let (light, error) = light_on(under(picture(width, |_, _| [2.0, 1.0, 0.5])), Vec3::ZERO);
+        let (light, error) = light_on(
+            floor_under(picture(width, |_, _| [2.0, 1.0, 0.5])),
+            Vec3::ZERO,
+        );
         // Half of the directions sampled by the sky lie below the floor: a sample varies by less
         // than its mean.
         let tolerance = 4.0 / (SAMPLES as f32).sqrt();
@@ -119,8 +122,8 @@ fn bright_texel_lights_by_solid_angle() {
                 [0.01; 3]
             }
         });
-        let expected = f64::from(bright) * from_texel(WIDTH, y) + 0.01;
-        let (light, error) = light_on(under(sky), Vec3::ZERO);
+        let expected = f64::from(bright) * texel_irradiance(WIDTH, y) + 0.01;
+        let (light, error) = light_on(floor_under(sky), Vec3::ZERO);
         let off = (f64::from(light.x) - expected).abs();
         assert!(
             off < 4.0 * f64::from(error) + 1e-4 * expected,
@@ -201,9 +204,9 @@ fn sun_in_sky_image_lights_as_sun() {
     });
     let expected: f64 = 0.5
         + (sun_y + 1 - size..sun_y + size)
-            .map(|y| 5.0 * (3e4 - 0.5) * from_texel(WIDTH, y))
+            .map(|y| 5.0 * (3e4 - 0.5) * texel_irradiance(WIDTH, y))
             .sum::<f64>();
-    let before = light_on(under(whole.clone()), Vec3::ZERO);
+    let before = light_on(floor_under(whole.clone()), Vec3::ZERO);
     let (rest, sun) = whole.without_sun();
     let sun = sun.expect("a sun");
     let toward = rest.radiance(sun.direction);
@@ -217,7 +220,7 @@ fn sun_in_sky_image_lights_as_sun() {
     let after = light_on(
         Scene {
             sun: Some(sun),
-            ..under(rest)
+            ..floor_under(rest)
         },
         Vec3::ZERO,
     );

@@ -111,7 +111,7 @@ fn two_rooms() -> PortalModel {
 }
 
 /// Findings on the portal of the two rooms after a change.
-fn found(change: impl Fn(&mut PortalModel)) -> Vec<Finding> {
+fn findings_after(change: impl Fn(&mut PortalModel)) -> Vec<Finding> {
     let mut model = two_rooms();
     change(&mut model);
     let mut findings = model.check();
@@ -141,7 +141,7 @@ fn sound_model_has_no_findings() {
 fn every_defect_of_a_portal_is_named() {
     let shape = |corners: &[[f64; 3]]| {
         let polygon: Vec<DVec3> = corners.iter().copied().map(DVec3::from).collect();
-        match found(|m| m.portals[0].polygon = polygon.clone()).as_slice() {
+        match findings_after(|m| m.portals[0].polygon = polygon.clone()).as_slice() {
             [Finding::Shape { shape, .. }] => *shape,
             other => panic!("{other:?}"),
         }
@@ -191,7 +191,7 @@ fn every_defect_of_a_portal_is_named() {
     ];
     assert_eq!(shape(&arrow), Shape::NotConvex);
 
-    let one = |change: fn(&mut PortalModel)| match found(change).as_slice() {
+    let one = |change: fn(&mut PortalModel)| match findings_after(change).as_slice() {
         [finding] => finding.to_string(),
         other => panic!("{other:?}"),
     };
@@ -222,7 +222,7 @@ fn small_polygon_defects_are_accepted() {
         [4.000_05, 2.0, 1.0],
     ];
     assert_eq!(
-        found(|m| m.portals[0].polygon = on_edge.map(DVec3::from).to_vec()),
+        findings_after(|m| m.portals[0].polygon = on_edge.map(DVec3::from).to_vec()),
         []
     );
 }

@@ -1,7 +1,7 @@
 //! The tracer against a brute-force oracle: Möller-Trumbore in `f64` over every triangle.
 
 use crate::trace_oracle::{
-    OracleHit, bits, grid, levels, oracle_hits, rays_for, scene_of, soup, sphere,
+    OracleHit, bits, grid, levels, oracle_hits, rays_for, scene_from_triangles, soup, sphere,
 };
 use glam::{DVec3, Vec3, dvec3, vec3};
 use headbox_core::random::Rng;
@@ -154,7 +154,7 @@ fn assert_packets_agree(tracers: &[Tracer], rays: &[Ray]) {
 fn random_soup_at_three_scales() {
     for (seed, scale) in [(1, 1.0), (2, 1e-3), (3, 1e4)] {
         let mut random = Rng::keyed(seed);
-        let scene = scene_of(&soup(&mut random, 700, 0.15, scale));
+        let scene = scene_from_triangles(&soup(&mut random, 700, 0.15, scale));
         let rays = rays_for(&mut random, 600, scale);
         check(scene, DVec3::ZERO, &rays, scale);
     }
@@ -170,7 +170,7 @@ fn a_closed_mesh_with_many_leaves() {
             .map(|t| t.map(|p| p * 0.4 + dvec3(0.2, 0.1, 0.0))),
     );
     check(
-        scene_of(&triangles),
+        scene_from_triangles(&triangles),
         DVec3::ZERO,
         &rays_for(&mut random, 160, 1.0),
         1.0,
@@ -186,7 +186,7 @@ fn large_offsets_vanish_with_the_origin() {
         .map(|t| t.map(|p| p + offset))
         .collect();
     check(
-        scene_of(&triangles),
+        scene_from_triangles(&triangles),
         offset,
         &rays_for(&mut random, 300, 1.0),
         1.0,
@@ -217,7 +217,7 @@ fn grids_and_rays_along_the_planes_of_boxes() {
             t_max: 9.0,
         });
     }
-    check(scene_of(&grid(24)), DVec3::ZERO, &rays, 1.0);
+    check(scene_from_triangles(&grid(24)), DVec3::ZERO, &rays, 1.0);
 }
 
 #[test]
@@ -234,7 +234,7 @@ fn ray_in_plane_of_flat_box_hits_beyond_it() {
         dvec3(0.4, 1.0, 0.0),
     ]);
     let wall = triangles.len() as u32 - 1;
-    let tracer = Tracer::new(Arc::new(scene_of(&triangles)), DVec3::ZERO);
+    let tracer = Tracer::new(Arc::new(scene_from_triangles(&triangles)), DVec3::ZERO);
     for z in [0.0, 0.125, -0.3] {
         let ray = Ray {
             origin: vec3(-0.45, 0.0, z),
@@ -259,7 +259,7 @@ fn a_closed_sphere_does_not_leak() {
             .into_iter()
             .map(|t| t.map(|p| p * scale + centre))
             .collect();
-        let tracer = Tracer::new(Arc::new(scene_of(&triangles)), DVec3::ZERO);
+        let tracer = Tracer::new(Arc::new(scene_from_triangles(&triangles)), DVec3::ZERO);
         let mut random = Rng::keyed(6);
         for i in 0..triangles.len() {
             let [a, b, c] = tracer.triangle(i as u32);
@@ -312,7 +312,7 @@ fn thin_and_edge_on_triangles_agree_everywhere() {
                 }
             })
             .collect();
-        let scene = Arc::new(scene_of(&triangles));
+        let scene = Arc::new(scene_from_triangles(&triangles));
         let tracers: Vec<Tracer> = levels()
             .into_iter()
             .map(|level| Tracer::with_level(scene.clone(), DVec3::ZERO, level))
@@ -338,7 +338,7 @@ fn lowest_index_wins_equal_hits() {
     for _ in 0..5 {
         triangles.extend(copies.iter().copied());
     }
-    let tracer = Tracer::new(Arc::new(scene_of(&triangles)), DVec3::ZERO);
+    let tracer = Tracer::new(Arc::new(scene_from_triangles(&triangles)), DVec3::ZERO);
     for ray in rays_for(&mut random, 400, 1.0) {
         let mut all = Vec::new();
         tracer.all_hits(&ray, &mut |hit| all.push(hit));
@@ -354,7 +354,7 @@ fn lowest_index_wins_equal_hits() {
         ];
         5000
     ];
-    let tracer = Tracer::new(Arc::new(scene_of(&many)), DVec3::ZERO);
+    let tracer = Tracer::new(Arc::new(scene_from_triangles(&many)), DVec3::ZERO);
     let ray = Ray {
         origin: Vec3::ZERO,
         direction: Vec3::NEG_Z,

@@ -1,6 +1,6 @@
 //! Edge cases of the tracer: the range of `t`, cut-outs, invalid input.
 
-use crate::trace_oracle::{bits, scene_of};
+use crate::trace_oracle::{bits, scene_from_triangles};
 use glam::{DVec3, Vec2, Vec3, dvec3, vec3};
 use headbox_scene::material::{Cutout, Material, Texture};
 use headbox_scene::scene::Scene;
@@ -22,7 +22,7 @@ const AHEAD: Ray = Ray {
 
 #[test]
 fn the_range_of_t_is_closed() {
-    let tracer = Tracer::new(Arc::new(scene_of(&[GOOD])), DVec3::ZERO);
+    let tracer = Tracer::new(Arc::new(scene_from_triangles(&[GOOD])), DVec3::ZERO);
     let hits = |t_min, t_max| {
         let ray = Ray {
             t_min,
@@ -46,7 +46,7 @@ fn cutout_scene() -> Scene {
         let p = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]].map(|[x, y]| dvec3(x, y, z));
         [[p[0], p[1], p[2]], [p[0], p[2], p[3]]]
     };
-    let mut scene = scene_of(&[quad(-1.0), quad(-2.0)].concat());
+    let mut scene = scene_from_triangles(&[quad(-1.0), quad(-2.0)].concat());
     let uv = |p: &DVec3| Vec2::new((p.x as f32 + 1.0) / 2.0, (p.y as f32 + 1.0) / 2.0);
     scene.texcoords = scene.positions.iter().map(uv).collect();
     scene.textures = vec![Texture::new(8, 8, texels).expect("8x8")];
@@ -163,13 +163,13 @@ fn invalid_triangles_are_never_hit() {
         huge,
         GOOD,
     ];
-    let tracer = Tracer::new(Arc::new(scene_of(&triangles)), DVec3::ZERO);
+    let tracer = Tracer::new(Arc::new(scene_from_triangles(&triangles)), DVec3::ZERO);
     assert_eq!(
         tracer.closest(&AHEAD).map(|h| (h.primitive, h.t)),
         Some((5, 2.0))
     );
     assert!(tracer.triangle(0)[0].is_nan());
-    let mut scene = scene_of(&[GOOD]);
+    let mut scene = scene_from_triangles(&[GOOD]);
     scene.triangles.push(Triangle {
         vertices: [7, 8, 9],
         material: 3,
@@ -184,7 +184,7 @@ fn invalid_triangles_are_never_hit() {
 
 #[test]
 fn invalid_rays_miss_without_affecting_packet() {
-    let tracer = Tracer::new(Arc::new(scene_of(&[GOOD])), DVec3::ZERO);
+    let tracer = Tracer::new(Arc::new(scene_from_triangles(&[GOOD])), DVec3::ZERO);
     for ray in &invalid_rays() {
         assert_eq!(tracer.closest(ray), None, "{ray:?}");
         assert!(!tracer.occluded(ray));
@@ -211,13 +211,13 @@ fn invalid_rays_miss_without_affecting_packet() {
 fn empty_scene_is_a_miss() {
     let packet = RayPacket::from_rays(&[AHEAD; PACKET]);
     for triangles in [&[][..], &[[DVec3::NAN; 3]]] {
-        let tracer = Tracer::new(Arc::new(scene_of(triangles)), DVec3::ZERO);
+        let tracer = Tracer::new(Arc::new(scene_from_triangles(triangles)), DVec3::ZERO);
         assert_eq!(tracer.closest(&AHEAD), None);
         assert!(!tracer.occluded(&AHEAD));
         assert_eq!(tracer.closest_packet(&packet), HitPacket::MISS);
         assert_eq!(tracer.occluded_packet(&packet), 0);
     }
-    let tracer = Tracer::new(Arc::new(scene_of(&[GOOD])), DVec3::ZERO);
+    let tracer = Tracer::new(Arc::new(scene_from_triangles(&[GOOD])), DVec3::ZERO);
     assert_eq!(tracer.closest_packet(&RayPacket::EMPTY), HitPacket::MISS);
 }
 
@@ -226,7 +226,7 @@ fn a_triangle_too_small_for_its_edge_functions_is_still_hit() {
     // Products of its coordinates are below the smallest f32: every rounded edge function is zero.
     let s = 1e-25;
     let tiny = [dvec3(-s, -s, -1.0), dvec3(s, -s, -1.0), dvec3(0.0, s, -1.0)];
-    let tracer = Tracer::new(Arc::new(scene_of(&[GOOD, tiny])), DVec3::ZERO);
+    let tracer = Tracer::new(Arc::new(scene_from_triangles(&[GOOD, tiny])), DVec3::ZERO);
     let packet = RayPacket::from_rays(&[AHEAD; PACKET]);
     assert_eq!(
         tracer.closest(&AHEAD).map(|h| (h.primitive, h.t)),

@@ -10,7 +10,7 @@ use headbox_trace::bvh::{Hit, Ray};
 pub(crate) use headbox_core::simd::levels;
 
 /// A scene of separate triangles.
-pub(crate) fn scene_of(triangles: &[[DVec3; 3]]) -> Scene {
+pub(crate) fn scene_from_triangles(triangles: &[[DVec3; 3]]) -> Scene {
     Scene {
         positions: triangles.as_flattened().to_vec(),
         triangles: (0..triangles.len() as u32)

@@ -177,7 +177,7 @@ fn boards(scene: &mut Scene) {
     );
 }
 
-fn model_of_boards() -> Polygons {
+fn board_model() -> Polygons {
     let mut scene = Scene {
         materials: vec![Material::default()],
         ..Scene::default()
@@ -187,7 +187,7 @@ fn model_of_boards() -> Polygons {
 }
 
 /// Ray-traced frame of a scene of unlit surfaces.
-fn traced(scene: &Arc<Scene>, camera: &Camera) -> image::RgbImage {
+fn trace_frame(scene: &Arc<Scene>, camera: &Camera) -> image::RgbImage {
     let tracer = Tracer::new(Arc::clone(scene), camera.eye());
     headbox_trace::truth::render(
         &tracer,
@@ -240,9 +240,9 @@ fn polygons_match_captured_samples() {
             .render(&cube, &camera, &RenderSettings::default())
             .to_rgb()
             .expect("a picture");
-        let alone = psnr_db(&traced(&scene, &camera), &drawn).expect("of one size");
-        let composition = Composition::new(SpriteSet::new(vec![]), vec![cube])
-            .with_polygons(vec![model_of_boards()]);
+        let alone = psnr_db(&trace_frame(&scene, &camera), &drawn).expect("of one size");
+        let composition =
+            Composition::new(SpriteSet::new(vec![]), vec![cube]).with_polygons(vec![board_model()]);
         let mut frame = Frame::default();
         let stats = composition.render(
             &mut Composer::default(),
@@ -251,7 +251,7 @@ fn polygons_match_captured_samples() {
             &mut frame,
         );
         assert_eq!(stats.order, [Layer::Cube(0)], "one picture shows both");
-        let truth = traced(&both, &camera);
+        let truth = trace_frame(&both, &camera);
         let composed = psnr_db(&truth, &frame.to_rgb().expect("a picture")).expect("of one size");
         assert!(
             composed > alone - BOARDS_DB,
@@ -259,7 +259,7 @@ fn polygons_match_captured_samples() {
         );
 
         let boards =
-            Composition::new(SpriteSet::new(vec![]), vec![]).with_polygons(vec![model_of_boards()]);
+            Composition::new(SpriteSet::new(vec![]), vec![]).with_polygons(vec![board_model()]);
         boards.render(
             &mut Composer::default(),
             &camera,
@@ -313,7 +313,7 @@ fn silhouettes_of_polygons_are_smooth() {
         &mut frame,
     );
     let found = psnr_db(
-        &traced(&Arc::new(scene), &camera),
+        &trace_frame(&Arc::new(scene), &camera),
         &frame.to_rgb().expect("a picture"),
     )
     .expect("of one size");

@@ -30,7 +30,7 @@ const NAMES: [(Face, &str); 6] = [
 ];
 
 /// Writes the first layer of a cube as six images with depth, and opens them.
-fn as_pictures(cube: &CubeSamples, folder: &Path) -> ImageSet {
+fn write_faces(cube: &CubeSamples, folder: &Path) -> ImageSet {
     for (face, name) in NAMES {
         let image = &cube.faces[face.index()];
         let side = image.size_px;
@@ -78,7 +78,7 @@ const RELATIVE_DEPTH: f32 = 4e-6;
 fn six_faces_of_the_tracer_give_its_own_ldi_back() {
     let cube = centre_rays(&room(20.0), 64);
     let folder = tempfile::tempdir().expect("a folder");
-    let set = as_pictures(&cube, folder.path());
+    let set = write_faces(&cube, folder.path());
     assert_eq!(set.views.len(), 6);
     let found = job(&cube, 64, DVec3::ZERO)
         .run(&set, &views(&set), &Silent)
@@ -159,7 +159,7 @@ fn six_pinholes_give_centre_ray_ldi() {
 }
 
 /// Writes an equirectangular panorama of a scene from the origin, and opens it.
-fn as_panorama(scene: &Scene, width: u32, folder: &Path) -> ImageSet {
+fn write_panorama(scene: &Scene, width: u32, folder: &Path) -> ImageSet {
     let height = width / 2;
     let ray = |i: u32| {
         Lens::Equirectangular.ray(
@@ -197,7 +197,7 @@ fn panorama_gives_centre_ray_ldi() {
     const AT_EDGES: f64 = 0.04;
     let scene = room(20.0);
     let folder = tempfile::tempdir().expect("a folder");
-    let set = as_panorama(&scene, 768, folder.path());
+    let set = write_panorama(&scene, 768, folder.path());
     let cube = centre_rays(&scene, 64);
     let found = job(&cube, 64, DVec3::ZERO)
         .run(&set, &views(&set), &Silent)
@@ -219,7 +219,7 @@ fn panorama_gives_centre_ray_ldi() {
 fn magnified_no_gaps_minified_averaged() {
     let cube = centre_rays(&room(20.0), 48);
     let folder = tempfile::tempdir().expect("a folder");
-    let set = as_pictures(&cube, folder.path());
+    let set = write_faces(&cube, folder.path());
     for face_px in [17, 24, 96, 151] {
         let found = job(&cube, face_px, DVec3::ZERO)
             .run(&set, &views(&set), &Silent)
@@ -242,7 +242,7 @@ fn magnified_no_gaps_minified_averaged() {
 fn thread_and_batch_order_do_not_matter() {
     let cube = centre_rays(&room(20.0), 40);
     let folder = tempfile::tempdir().expect("a folder");
-    let set = as_pictures(&cube, folder.path());
+    let set = write_faces(&cube, folder.path());
     let job = job(&cube, 56, DVec3::new(0.05, -0.03, 0.04));
     let run = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new()

@@ -31,7 +31,7 @@ fn is_behind(walker: &Walker, pixel: usize) -> bool {
     matches!(walker.last().seen(pixel), PixelContent::Marker(_))
 }
 
-fn with(kind: BackdropKind, near: Near) -> WalkSettings {
+fn walk_settings(kind: BackdropKind, near: Near) -> WalkSettings {
     WalkSettings {
         backdrops: Some(kind),
         near,
@@ -67,8 +67,12 @@ fn backdrops_show_what_is_behind_and_only_there() {
         let (mut wrong, mut holes, mut pixels, mut judged) = (0.0, 0, 0, 0);
         for camera in poses().map(|camera| enlarged(&camera, 3)) {
             let truth = truth(&house, &camera);
-            let (frame, stats) =
-                walker.frame(&house, &store, &camera, &with(kind, Near::Distance(0.5)));
+            let (frame, stats) = walker.frame(
+                &house,
+                &store,
+                &camera,
+                &walk_settings(kind, Near::Distance(0.5)),
+            );
             let (frame, stats) = (frame.clone(), stats.clone());
             assert!(
                 stats.portals >= 1 && stats.missing.is_empty() && stats.backdrop_pixels > 900,
@@ -109,7 +113,10 @@ fn backdrops_show_what_is_behind_and_only_there() {
 }
 
 /// Green levels seen by two eyes at the same points of a door's plane, where both look through it.
-fn at_the_same_places(house: &House, [first, second]: [(&[[u8; 3]], &Camera); 2]) -> Vec<[u8; 2]> {
+fn colours_at_same_points(
+    house: &House,
+    [first, second]: [(&[[u8; 3]], &Camera); 2],
+) -> Vec<[u8; 2]> {
     let door = first_door(house);
     let mut seen = Vec::new();
     for i in 0..400 {
@@ -148,7 +155,7 @@ fn one_texture_is_a_painting_on_the_wall() {
             &house,
             &store,
             camera,
-            &with(BackdropKind::Texture, Near::Distance(0.5)),
+            &walk_settings(BackdropKind::Texture, Near::Distance(0.5)),
         );
         assert_eq!(stats.portals, 1);
         frame
@@ -159,7 +166,7 @@ fn one_texture_is_a_painting_on_the_wall() {
     });
     let truths = cameras.each_ref().map(|camera| truth(&house, camera));
     let between = |seen: &[Vec<[u8; 3]>; 2]| {
-        mean_difference(&at_the_same_places(
+        mean_difference(&colours_at_same_points(
             &house,
             [(&seen[0], &cameras[0]), (&seen[1], &cameras[1])],
         ))
@@ -181,7 +188,12 @@ fn nearest_texture_is_used() {
     let mut error = |kind: BackdropKind, store: &Store, eye: DVec3| {
         let camera = enlarged(&camera(eye, door.centre), 2);
         let frame = walker
-            .frame(&house, store, &camera, &with(kind, Near::Distance(0.5)))
+            .frame(
+                &house,
+                store,
+                &camera,
+                &walk_settings(kind, Near::Distance(0.5)),
+            )
             .0
             .clone();
         mean_error(&frame, &truth(&house, &camera), |i| is_behind(&walker, i))
@@ -228,8 +240,12 @@ fn near_door_open_far_door_backdrop() {
             );
             let (distance, within) = (door.distance(camera.eye()), near.distance_m(&camera));
             assert!((0.5..2.5).contains(&within), "{within}");
-            let (frame, stats) =
-                walker.frame(&house, &store, &camera, &with(BackdropKind::Texture, near));
+            let (frame, stats) = walker.frame(
+                &house,
+                &store,
+                &camera,
+                &walk_settings(BackdropKind::Texture, near),
+            );
             let expected = if distance < within {
                 (0, 0)
             } else {
@@ -252,7 +268,7 @@ fn holes_keep_previous_content() {
     let house = house();
     let store = stocked(&house, BackdropKind::Image);
     let door = first_door(&house);
-    let settings = with(BackdropKind::Image, Near::Distance(0.2));
+    let settings = walk_settings(BackdropKind::Image, Near::Distance(0.2));
     let keeping = WalkSettings {
         persistence: true,
         ..settings

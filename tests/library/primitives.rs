@@ -19,7 +19,7 @@ use headbox_cube::render::{RenderSettings, Renderer};
 
 const FACE_PX: u32 = 192;
 
-fn mixed(ldi: &CubeSamples, error_px: f64) -> CubeLdi {
+fn pack_with_planes(ldi: &CubeSamples, error_px: f64) -> CubeLdi {
     let mut ldi = ldi.clone();
     let planes = choose(&mut ldi, error_px);
     let mut cube = CubeLdi::pack(&ldi, SplatIndexLayout::Normal, Split::Auto).expect("packs");
@@ -35,7 +35,11 @@ fn draw(cube: &CubeLdi, camera: &Camera) -> Frame {
 }
 
 /// Samples that plane textures have replaced in a face, with their pixels.
-fn taken(all: &CubeSamples, rest: &CubeSamples, face: Face) -> Vec<(u32, u32, DepthPixel)> {
+fn replaced_samples(
+    all: &CubeSamples,
+    rest: &CubeSamples,
+    face: Face,
+) -> Vec<(u32, u32, DepthPixel)> {
     let [all, rest] = [all, rest].map(|ldi| &ldi.faces[face.index()]);
     let mut taken = Vec::new();
     for (x, y) in (0..FACE_PX).flat_map(|y| (0..FACE_PX).map(move |x| (x, y))) {
@@ -53,7 +57,7 @@ fn taken(all: &CubeSamples, rest: &CubeSamples, face: Face) -> Vec<(u32, u32, De
 /// Position at which a texture shows a sample, and that of the sample's surface: two points of one
 /// ray through the sample's pixel, at the place in the pixel where the texture is nearest to the
 /// sample's depth, since a sample does not record where rays met it.
-fn shown_and_said(
+fn texture_and_surface_positions(
     set: &PlaneSet,
     tile: &PlaneTile,
     face: Face,
@@ -113,7 +117,9 @@ fn plane_textures_stay_within_bound() {
         let all = quick(&scene, FACE_PX);
         let mut rest = all.clone();
         let set = choose(&mut rest, ERROR_PX);
-        let samples: Vec<_> = Face::ALL.map(|face| taken(&all, &rest, face)).into();
+        let samples: Vec<_> = Face::ALL
+            .map(|face| replaced_samples(&all, &rest, face))
+            .into();
         assert_eq!(
             samples
                 .iter()
@@ -168,7 +174,7 @@ fn plane_textures_stay_within_bound() {
                 continue;
             }
             let errors = set.tiles.iter().filter(covers).filter_map(|tile| {
-                let [shown, said] = shown_and_said(&set, tile, face, sample);
+                let [shown, said] = texture_and_surface_positions(&set, tile, face, sample);
                 let [a, b] = [camera.project(shown)?, camera.project(said)?];
                 Some(((a[0] - b[0]).hypot(a[1] - b[1]), tile))
             });
@@ -265,7 +271,7 @@ fn frames_are_no_worse_and_have_no_cracks() {
     for (name, scene, least_share) in [("room", room(6.0), 0.7), ("leaves", leaves(6.0), 0.0)] {
         let ldi = quick(&scene, FACE_PX);
         let all = CubeLdi::pack(&ldi, SplatIndexLayout::Normal, Split::Auto).expect("packs");
-        let some = mixed(&ldi, DEFAULT_ERROR_PX);
+        let some = pack_with_planes(&ldi, DEFAULT_ERROR_PX);
         let share = some.planes.samples as f64 / all.depth_pixel_count() as f64;
         assert!(
             share > least_share,
@@ -327,10 +333,10 @@ fn any_number_of_threads_chooses_the_same() {
 
 #[test]
 fn threads_bands_and_levels_change_no_bit() {
-    let cube = mixed(&quick(&room(6.0), FACE_PX), 0.5);
+    let cube = pack_with_planes(&quick(&room(6.0), FACE_PX), 0.5);
     assert_eq!(
         cube,
-        mixed(&quick(&room(6.0), FACE_PX), 0.5),
+        pack_with_planes(&quick(&room(6.0), FACE_PX), 0.5),
         "the same choice again"
     );
     let camera = Camera::look_at(
@@ -469,7 +475,7 @@ const FRESH_SECONDS: u64 = 240;
 
 #[test]
 fn mip_requests_do_not_block() {
-    let cube = mixed(&quick(&room(6.0), FACE_PX), 0.5);
+    let cube = pack_with_planes(&quick(&room(6.0), FACE_PX), 0.5);
     let camera = |size| {
         Camera::look_at(
             dvec3(0.2, 0.1, -0.3),
@@ -506,7 +512,7 @@ fn mip_requests_do_not_block() {
 #[test]
 fn depths_equal_scene() {
     let scene = room(6.0);
-    let cube = mixed(&quick(&scene, FACE_PX), 0.5);
+    let cube = pack_with_planes(&quick(&scene, FACE_PX), 0.5);
     let camera = Camera::look_at(
         dvec3(0.1, 0.2, -0.2),
         dvec3(0.5, -0.6, -3.0),
@@ -536,7 +542,7 @@ fn texture_files_round_trip() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("a.ldi");
     let ldi = quick(&room(6.0), 96);
-    let cube = mixed(&ldi, 0.5);
+    let cube = pack_with_planes(&ldi, 0.5);
     assert!(!cube.planes.tiles.is_empty());
     cube.write(&path).expect("written");
     let bytes = std::fs::read(&path).expect("read");
@@ -566,7 +572,10 @@ fn zero_and_wide_bounds() {
     let camera =
         Camera::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, 60.0, [64, 48]).expect("valid");
     for error_px in [1e-6, 1e6] {
-        assert_eq!(draw(&mixed(&ldi, error_px), &camera).color.len(), 64 * 48);
+        assert_eq!(
+            draw(&pack_with_planes(&ldi, error_px), &camera).color.len(),
+            64 * 48
+        );
     }
     let nothing = CubeSamples {
         faces: ldi
@@ -577,7 +586,7 @@ fn zero_and_wide_bounds() {
         ..ldi
     };
     assert_eq!(
-        mixed(&nothing, 0.5).planes,
+        pack_with_planes(&nothing, 0.5).planes,
         PlaneSet::default(),
         "an empty headbox"
     );
@@ -585,7 +594,7 @@ fn zero_and_wide_bounds() {
 
 #[test]
 fn edge_on_and_back_facing_planes() {
-    let cube = mixed(&quick(&room(6.0), 96), 0.5);
+    let cube = pack_with_planes(&quick(&room(6.0), 96), 0.5);
     // In the plane of the floor, below it, and behind a wall.
     for eye in [
         dvec3(0.0, -1.5, 0.0),

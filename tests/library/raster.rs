@@ -29,7 +29,7 @@ fn view<'a>(groups: &'a [GroupWindow], markers: &'a [Marker]) -> RasterView<'a> 
     }
 }
 
-fn whole(groups: u32) -> Vec<GroupWindow> {
+fn full_windows(groups: u32) -> Vec<GroupWindow> {
     (0..groups)
         .map(|group| GroupWindow {
             group,
@@ -48,14 +48,14 @@ fn draw(scene: &Arc<Scene>, camera: &Camera) -> (RasterOutput, RasterStats) {
     let (frame, stats) = rasterizer.draw(
         &mesh,
         camera,
-        &view(&whole(1), &[]),
+        &view(&full_windows(1), &[]),
         &Environment::default(),
     );
     (frame.clone(), *stats)
 }
 
 /// A scene of triangles with a colour at each corner.
-fn scene_of(triangles: &[[DVec3; 3]]) -> Scene {
+fn scene_from_triangles(triangles: &[[DVec3; 3]]) -> Scene {
     let mut random = Rng::keyed(7);
     let positions: Vec<DVec3> = triangles.iter().flatten().copied().collect();
     let mut channel = || random.between(0.1, 0.9) as f32;
@@ -94,11 +94,11 @@ fn soup(count: usize) -> Scene {
         };
         [a, b, c]
     };
-    scene_of(&(0..count).map(triangle).collect::<Vec<_>>())
+    scene_from_triangles(&(0..count).map(triangle).collect::<Vec<_>>())
 }
 
 /// Adds a texture to every other triangle, with `repetitions` per metre.
-fn painted(mut scene: Scene, repetitions: f64) -> Scene {
+fn with_textures(mut scene: Scene, repetitions: f64) -> Scene {
     let texture = Texture::from_fn(4, 4, |x, y| [(60 * x) as u8, (60 * y) as u8, 128, 255]);
     scene.textures.push(texture);
     scene.texcoords = scene
@@ -239,7 +239,7 @@ fn triangles_that_reach_behind_the_eye() {
             dvec3(0.4, 9.0, 30.0),
             dvec3(0.4, 9.0, -30.0),
         );
-        let scene = scene_of(&[floor, wall].concat());
+        let scene = scene_from_triangles(&[floor, wall].concat());
         compare_with_tracer(
             scene,
             &camera(
@@ -359,7 +359,7 @@ fn t_junctions_leave_no_cracks() {
         .iter_mut()
         .flatten()
         .for_each(|corner| *corner = turn * *corner);
-    let mut scene = scene_of(&triangles);
+    let mut scene = scene_from_triangles(&triangles);
     scene.stitch();
     let scene = Arc::new(scene);
     let mesh = RasterMesh::new(
@@ -375,7 +375,7 @@ fn t_junctions_leave_no_cracks() {
         let (frame, _) = rasterizer.draw(
             &mesh,
             &camera,
-            &view(&whole(1), &[]),
+            &view(&full_windows(1), &[]),
             &Environment::default(),
         );
         assert_eq!(frame.frame.hole_count(), 0, "place {place}");
@@ -385,7 +385,7 @@ fn t_junctions_leave_no_cracks() {
 #[test]
 fn same_bytes_for_bands_threads_levels() {
     // Textures with mip levels, and triangles with holes.
-    let mut scene = painted(soup(900), 0.7);
+    let mut scene = with_textures(soup(900), 0.7);
     scene.materials.push(Material {
         cutout: Some(Cutout {
             texture: 0,
@@ -405,7 +405,7 @@ fn same_bytes_for_bands_threads_levels() {
     let camera = camera(dvec3(0.1, 0.0, 0.2), dvec3(1.0, 0.3, -2.0), 131, 67);
     let half = scene.triangles.len() as u32 / 2;
     let mesh = RasterMesh::new(Arc::clone(&scene), &[0..half, half..2 * half], DVec3::ZERO);
-    let groups = whole(2);
+    let groups = full_windows(2);
     let render = |threads: usize, level: Level, rows: u32| {
         let pool = rayon::ThreadPoolBuilder::new()
             .num_threads(threads)
@@ -445,7 +445,7 @@ const COLOR_LEVELS: i32 = 3;
 #[test]
 fn colours_equal_traced_surface() {
     // Magnified: a texel is larger than a pixel, so no mip level is used.
-    let scene = Arc::new(painted(soup(300), 0.02));
+    let scene = Arc::new(with_textures(soup(300), 0.02));
     let camera = camera(dvec3(0.3, -0.2, 0.4), dvec3(1.0, 0.2, -3.0), 97, 61);
     let (frame, _) = draw(&scene, &camera);
     let tracer = Tracer::new(Arc::clone(&scene), camera.eye());
@@ -605,7 +605,7 @@ fn markers_are_depth_tested() {
             ],
         ]
     };
-    let scene = scene_of(&[wall(-1.0, 0.0), wall(-3.0, -9.0)].concat());
+    let scene = scene_from_triangles(&[wall(-1.0, 0.0), wall(-3.0, -9.0)].concat());
     let marker = Marker {
         polygon: [[-9.0, -9.0], [9.0, -9.0], [9.0, 9.0], [-9.0, 9.0]]
             .map(|[x, y]| dvec3(x, y, -2.0))
@@ -618,7 +618,7 @@ fn markers_are_depth_tested() {
     let (frame, stats) = rasterizer.draw(
         &mesh,
         &camera,
-        &view(&whole(1), &[marker]),
+        &view(&full_windows(1), &[marker]),
         &Environment::default(),
     );
     assert_eq!(stats.marker_pixels, 30);
@@ -647,7 +647,7 @@ fn tiny_frames_and_degenerate_triangles_are_drawn() {
         dvec3(1e9, -1e9, -2.0),
         dvec3(0.0, 1e9, -2.0),
     ]);
-    let scene = Arc::new(scene_of(&triangles));
+    let scene = Arc::new(scene_from_triangles(&triangles));
     for (width, height) in [(1, 1), (1, 7), (13, 1), (3, 5), (17, 31)] {
         let (frame, _) = draw(
             &scene,
@@ -667,7 +667,7 @@ fn tiny_frames_and_degenerate_triangles_are_drawn() {
     let (frame, stats) = rasterizer.draw(
         &mesh,
         &camera,
-        &view(&whole(9), &[]),
+        &view(&full_windows(9), &[]),
         &Environment::default(),
     );
     assert_eq!((frame.frame.hole_count(), stats.triangles_in), (9, 0));

@@ -39,7 +39,7 @@ const TINY: Quality = Quality {
     variations: true,
 };
 
-fn measured(seed: u64) -> (SceneFacts, Vec<Row>) {
+fn measure_bump(seed: u64) -> (SceneFacts, Vec<Row>) {
     let scene = Arc::new(headbox_scenes::build("bump", 0).expect("built in"));
     let headbox = scene.headbox.expect("it has one");
     let tracer = Arc::new(Tracer::new(scene, headbox.centre));
@@ -59,7 +59,7 @@ fn measured(seed: u64) -> (SceneFacts, Vec<Row>) {
 }
 
 static REPORT: LazyLock<Report> = LazyLock::new(|| {
-    let (facts, rows) = measured(3);
+    let (facts, rows) = measure_bump(3);
     Report {
         version: Report::VERSION,
         machine: Machine::here(),
@@ -90,14 +90,14 @@ fn errors(rows: &[Row]) -> Vec<String> {
 
 #[test]
 fn two_runs_agree_on_errors_to_the_last_digit() {
-    let (facts, rows) = measured(3);
+    let (facts, rows) = measure_bump(3);
     assert_eq!(errors(&rows), errors(&REPORT.rows));
     assert_eq!(facts, REPORT.scenes[0]);
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(3)
         .build()
         .expect("threads");
-    let (_, other_seed) = pool.install(|| measured(4));
+    let (_, other_seed) = pool.install(|| measure_bump(4));
     assert_ne!(
         errors(&other_seed)[0],
         errors(&rows)[0],

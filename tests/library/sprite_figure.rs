@@ -33,7 +33,7 @@ const HALF: f64 = 1.65;
 
 /// A square in the plane z = 0 with a relief, chequered in warm colours on the relief and cold ones
 /// on the plane.
-fn on_plane(height: impl Fn(f64, f64) -> f64) -> Tracer {
+fn relief(height: impl Fn(f64, f64) -> f64) -> Tracer {
     const CELLS: u32 = 256;
     let mut scene = Scene::default();
     for albedo in [
@@ -194,7 +194,7 @@ fn save_sheet(name: &str, title: &str, rows: &[(&str, Vec<(RgbImage, String)>)])
 
 #[test]
 fn figure_3() {
-    let tracer = on_plane(hemisphere);
+    let tracer = relief(hemisphere);
     let sprite = capture(&tracer);
     let depth = colored_by_depth(&sprite);
     let prepared = PreparedSprite::new(sprite);
@@ -216,7 +216,7 @@ fn figure_3() {
     let (printed, _) = rendered(SpriteVariant::AsPrinted, 3, "equations 7, 8 as printed");
     let (shift, _) = rendered(SpriteVariant::ShiftField, 3, "2-D displacement field");
     let (affine, _) = rendered(SpriteVariant::AffineParallax, 3, "affine parallax");
-    let pyramid_sprite = PreparedSprite::new(capture(&on_plane(pyramid)));
+    let pyramid_sprite = PreparedSprite::new(capture(&relief(pyramid)));
     let color = vec![
         cell(
             opaque(prepared.sprite().sprite().color()),

@@ -9,7 +9,7 @@ use headbox_ldi::accumulate::shard;
 use headbox_sprite::SpriteSet;
 use std::path::{Path, PathBuf};
 
-fn old(name: &str) -> PathBuf {
+fn version_1_file(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("tests/version_1")
         .join(name)
@@ -30,7 +30,7 @@ const ASKED: CaptureParameters = CaptureParameters {
 
 #[test]
 fn cubes() {
-    let cube = CubeLdi::read(&old("cube.ldi")).expect("readable");
+    let cube = CubeLdi::read(&version_1_file("cube.ldi")).expect("readable");
     assert_eq!(cube.info.scene, "builtin:miniature");
     assert_eq!(
         (cube.info.parameters, cube.info.frame),
@@ -48,7 +48,7 @@ fn cubes() {
 
 #[test]
 fn shards() {
-    let info = shard::read_info(&old("part.shard")).expect("readable");
+    let info = shard::read_info(&version_1_file("part.shard")).expect("readable");
     assert_eq!(info.spec.parameters, ASKED);
     assert_eq!(
         (
@@ -63,7 +63,7 @@ fn shards() {
 
 #[test]
 fn sprites() {
-    let set = SpriteSet::read(&old("picture.sprite")).expect("readable");
+    let set = SpriteSet::read(&version_1_file("picture.sprite")).expect("readable");
     assert_eq!(
         set.info.frame,
         FileFrame {
@@ -89,7 +89,7 @@ fn houses() {
 
 #[test]
 fn current_files_have_same_names() {
-    let cube = CubeLdi::read(&old("cube.ldi")).expect("readable");
+    let cube = CubeLdi::read(&version_1_file("cube.ldi")).expect("readable");
     let written = serde_json::to_value(&cube.info).expect("JSON");
     for name in [
         "unit_m",

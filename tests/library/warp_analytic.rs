@@ -20,7 +20,7 @@ fn pack(ldi: &CubeSamples, layout: SplatIndexLayout) -> CubeLdi {
     CubeLdi::pack(ldi, layout, Split::Auto).expect("packs")
 }
 
-fn with(kernel: SplatKernel) -> RenderSettings {
+fn settings_with(kernel: SplatKernel) -> RenderSettings {
     RenderSettings {
         kernel,
         ..RenderSettings::default()
@@ -77,7 +77,7 @@ fn the_identity_warp_is_the_identity() {
             let (frame, stats) = renderer.render_with_stats(
                 &pack(&ldi, layout),
                 &face_camera(centre, face, 37),
-                &with(kernel),
+                &settings_with(kernel),
             );
             assert_eq!(stats.hole_pixels, 0);
             // With 5-bit depth codes the paper's widths may slightly exceed one pixel.
@@ -255,7 +255,8 @@ fn odd_frame_sizes_and_extreme_cameras_are_drawn() {
                     [width, height],
                 )
                 .expect("valid");
-                let (frame, stats) = renderer.render_with_stats(&cube, &camera, &with(kernel));
+                let (frame, stats) =
+                    renderer.render_with_stats(&cube, &camera, &settings_with(kernel));
                 assert_eq!((frame.width, frame.height), (width, height));
                 assert_eq!(frame.color.len(), (width * height) as usize);
                 assert!(frame.color.iter().all(|c| c[3] == 255));
@@ -275,7 +276,7 @@ fn odd_frame_sizes_and_extreme_cameras_are_drawn() {
             DVec3::INFINITY,
         ] {
             let camera = Camera::from_parts(eye, DMat3::IDENTITY, 100.0, 64, 48).expect("valid");
-            renderer.render(&cube, &camera, &with(kernel));
+            renderer.render(&cube, &camera, &settings_with(kernel));
         }
     }
 }
@@ -303,8 +304,11 @@ fn frames_do_not_depend_on_last_frame() {
     ] {
         let cube = pack(ldi, layout);
         let mut fresh = Renderer::new();
-        let expected = fresh.render(&cube, &camera(size), &with(kernel));
-        assert_eq!(used.render(&cube, &camera(size), &with(kernel)), expected);
+        let expected = fresh.render(&cube, &camera(size), &settings_with(kernel));
+        assert_eq!(
+            used.render(&cube, &camera(size), &settings_with(kernel)),
+            expected
+        );
     }
 }
 
@@ -338,7 +342,7 @@ fn damaged_cubes_are_drawn_without_a_panic() {
             }
         }
         for kernel in KERNELS {
-            renderer.render(&cube, &camera, &with(kernel));
+            renderer.render(&cube, &camera, &settings_with(kernel));
         }
     }
 }

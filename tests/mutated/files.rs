@@ -5,7 +5,9 @@
 //! --test mutated` tries each kind of file for ten minutes. Files that fail in such a run go to
 //! `tests/corpus/`, which is replayed here. Portal models and houses: `houses.rs`.
 
-use crate::mutations::{Dice, Rounds, alone, bytes_of, corpus, corpus_folder, try_mutations};
+use crate::mutations::{
+    MutationRng, Rounds, corpus, corpus_folder, lock_allocations, try_mutations, written_bytes,
+};
 use glam::DVec3;
 use headbox_core::camera::Camera;
 use headbox_core::file_frame::FileFrame;
@@ -216,7 +218,7 @@ fn shard_bytes() -> Vec<u8> {
     let capture = SceneCapture::new(&spec, &tracer, &lighting, &options);
     let tracing = capture.trace().expect("traced");
     let info = ShardInfo::new(&capture, &tracing);
-    bytes_of(|path| shard::write(path, &info, &tracing).expect("written"))
+    written_bytes(|path| shard::write(path, &info, &tracing).expect("written"))
 }
 
 fn sprite_bytes(format: DisplacementFormat) -> Vec<u8> {
@@ -235,7 +237,7 @@ fn sprite_bytes(format: DisplacementFormat) -> Vec<u8> {
         &[[0.1, 100.0]],
         &Silent,
     );
-    bytes_of(|path| {
+    written_bytes(|path| {
         SpriteSet::new(sprites.expect("captured"))
             .write(path)
             .expect("written");
@@ -245,7 +247,7 @@ fn sprite_bytes(format: DisplacementFormat) -> Vec<u8> {
 #[test]
 fn cube_ldi_files() {
     let originals = [cube(), cube_with_planes()]
-        .map(|cube| bytes_of(|path| cube.write(path).expect("written")));
+        .map(|cube| written_bytes(|path| cube.write(path).expect("written")));
     try_mutations("a.ldi", &originals, true, read_ldi);
 }
 
@@ -282,7 +284,7 @@ fn lumigraph_bytes(slabs: usize, layers: usize) -> Vec<u8> {
     let raw = capture.run(&grid, &Silent).expect("captured");
     let lumigraph = raw.layered(layers, Placement::Histogram).expect("layered");
     let slabs = Slabs::new(vec![lumigraph; slabs]).expect("slabs");
-    bytes_of(|path| slabs.write(path).expect("written"))
+    written_bytes(|path| slabs.write(path).expect("written"))
 }
 
 #[test]
@@ -351,12 +353,12 @@ fn depth_pictures() {
         height: 7,
         values: (0..63).map(|i| 1.0 + i as f32).collect(),
     };
-    let exr = bytes_of(|path| write_depth_exr(&depth, path).expect("written"));
+    let exr = written_bytes(|path| write_depth_exr(&depth, path).expect("written"));
     try_mutations("a.exr", &[exr], false, read_depth);
     let grey = image::ImageBuffer::<image::Luma<u16>, _>::from_fn(9, 7, |x, y| {
         image::Luma([(x * 300 + y) as u16])
     });
-    let png = bytes_of(|path| {
+    let png = written_bytes(|path| {
         grey.save_with_format(path, image::ImageFormat::Png)
             .expect("written");
     });
@@ -374,8 +376,9 @@ fn textures() {
         image::ImageFormat::Tga,
         image::ImageFormat::Tiff,
     ];
-    let originals = originals
-        .map(|format| bytes_of(|path| picture.save_with_format(path, format).expect("written")));
+    let originals = originals.map(|format| {
+        written_bytes(|path| picture.save_with_format(path, format).expect("written"))
+    });
     for (name, original) in ["a.png", "a.bmp", "a.tga", "a.tiff"]
         .into_iter()
         .zip(originals)
@@ -411,10 +414,10 @@ fn reports() {
 }
 
 /// Sometimes damages a plane texture or a plane.
-fn break_plane_texture(set: &mut PlaneSet, dice: &mut Dice) {
-    let (tile, plane) = (dice.below(set.tiles.len()), dice.below(set.planes.len()));
-    let bits = dice.bits() as u32;
-    match dice.below(16) {
+fn break_plane_texture(set: &mut PlaneSet, rng: &mut MutationRng) {
+    let (tile, plane) = (rng.below(set.tiles.len()), rng.below(set.planes.len()));
+    let bits = rng.bits() as u32;
+    match rng.below(16) {
         0 => set.tiles[tile].first_texel = bits,
         1 => set.tiles[tile].width = bits as u16,
         2 => set.tiles[tile].height = bits as u16,
@@ -431,20 +434,20 @@ fn break_plane_texture(set: &mut PlaneSet, dice: &mut Dice) {
 
 #[test]
 fn mutated_packed_cubes_never_panic() {
-    let _alone = alone();
+    let _lock = lock_allocations();
     let original = cube_with_planes();
     let mut invalid = 0;
-    let mut rounds = Rounds::of(CASES);
+    let mut rounds = Rounds::new(CASES);
     while let Some(seed) = rounds.next() {
-        let mut dice = Dice::new(seed.wrapping_mul(0x9e37_79b9));
+        let mut rng = MutationRng::new(seed.wrapping_mul(0x9e37_79b9));
         let mut broken = original.clone();
         let count = broken.segments.len();
-        break_plane_texture(&mut broken.planes, &mut dice);
-        for _ in 0..1 + dice.below(3) {
-            break_invariant(&mut broken.segments[dice.below(count)], &mut dice);
+        break_plane_texture(&mut broken.planes, &mut rng);
+        for _ in 0..1 + rng.below(3) {
+            break_invariant(&mut broken.segments[rng.below(count)], &mut rng);
         }
-        if dice.below(10) == 0 {
-            broken.face_size_px = dice.bits() as u32;
+        if rng.below(10) == 0 {
+            broken.face_size_px = rng.bits() as u32;
         }
         invalid += u64::from(broken.validate().is_err());
         for segment in &broken.segments {
@@ -463,39 +466,39 @@ fn mutated_packed_cubes_never_panic() {
     assert!(invalid * 2 > rounds.done(), "most are broken: {invalid}");
 }
 
-fn break_invariant(segment: &mut PackedSegment, dice: &mut Dice) {
-    let wild = |dice: &mut Dice| [0, 1, 6, 7, 8, 64, 1 << 20, u32::MAX][dice.below(8)];
-    let change = |list: &mut Vec<u32>, dice: &mut Dice| {
-        let at = dice.below(list.len());
-        match dice.below(3) {
+fn break_invariant(segment: &mut PackedSegment, rng: &mut MutationRng) {
+    let wild = |rng: &mut MutationRng| [0, 1, 6, 7, 8, 64, 1 << 20, u32::MAX][rng.below(8)];
+    let change = |list: &mut Vec<u32>, rng: &mut MutationRng| {
+        let at = rng.below(list.len());
+        match rng.below(3) {
             0 => list.truncate(at),
-            1 => list.push(wild(dice)),
+            1 => list.push(wild(rng)),
             _ => list
                 .iter_mut()
                 .skip(at)
                 .take(1)
-                .for_each(|v| *v = wild(dice)),
+                .for_each(|v| *v = wild(rng)),
         }
     };
-    match dice.below(9) {
-        0 => segment.x0 = wild(dice),
-        1 => segment.y0 = wild(dice),
-        2 => segment.width = wild(dice).min(1 << 12),
-        3 => segment.height = wild(dice).min(1 << 12),
-        4 => segment.inverse_depth_min = f32::from_bits(dice.bits() as u32),
-        5 => segment.inverse_depth_max = f32::from_bits(dice.bits() as u32),
-        6 => change(&mut segment.row_offsets, dice),
-        7 => change(&mut segment.row_counts, dice),
+    match rng.below(9) {
+        0 => segment.x0 = wild(rng),
+        1 => segment.y0 = wild(rng),
+        2 => segment.width = wild(rng).min(1 << 12),
+        3 => segment.height = wild(rng).min(1 << 12),
+        4 => segment.inverse_depth_min = f32::from_bits(rng.bits() as u32),
+        5 => segment.inverse_depth_max = f32::from_bits(rng.bits() as u32),
+        6 => change(&mut segment.row_offsets, rng),
+        7 => change(&mut segment.row_counts, rng),
         _ => {
-            let at = dice.below(segment.depth_pixels.len());
+            let at = rng.below(segment.depth_pixels.len());
             segment
                 .depth_pixels
                 .iter_mut()
                 .skip(at)
-                .for_each(|pixel| pixel.geometry = dice.bits() as u32);
+                .for_each(|pixel| pixel.geometry = rng.bits() as u32);
         }
     }
-    if dice.below(2) == 0 {
+    if rng.below(2) == 0 {
         segment.blocks = BlockIndex::default();
     }
 }

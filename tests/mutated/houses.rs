@@ -1,6 +1,6 @@
 //! Mutated portal models, houses with their backdrops, and cached truth.
 
-use crate::mutations::{bytes_of, corpus, corpus_folder, try_mutations};
+use crate::mutations::{corpus, corpus_folder, try_mutations, written_bytes};
 use glam::{DVec3, dvec3};
 use headbox_core::camera::Camera;
 use headbox_core::progress::Silent;
@@ -48,7 +48,7 @@ fn read_model(path: &Path) -> bool {
 }
 
 /// Copies the home's geometry to the folder of a model, and reads the model.
-fn with_home(path: &Path) -> bool {
+fn read_beside_home(path: &Path) -> bool {
     let obj = path.with_file_name("home.obj");
     if !obj.exists() {
         std::fs::copy(corpus_folder().join("home.obj"), obj).expect("copied");
@@ -58,17 +58,17 @@ fn with_home(path: &Path) -> bool {
 
 #[test]
 fn sweet_home_plans() {
-    try_mutations("Home.xml", &[corpus("Home.xml")], false, with_home);
+    try_mutations("Home.xml", &[corpus("Home.xml")], false, read_beside_home);
 }
 
 #[test]
 fn sweet_home_archives() {
-    try_mutations("home.sh3d", &[corpus("home.sh3d")], false, with_home);
+    try_mutations("home.sh3d", &[corpus("home.sh3d")], false, read_beside_home);
 }
 
 #[test]
 fn portal_models() {
-    try_mutations("flat.toml", &[corpus("flat.toml")], false, with_home);
+    try_mutations("flat.toml", &[corpus("flat.toml")], false, read_beside_home);
 }
 
 /// The corpus's apartment with a backdrop of each kind of content: cubes, textures, a sprite.
@@ -89,7 +89,7 @@ fn house_bytes() -> Vec<u8> {
             assert!(store.insert((at, kind), Arc::new(backdrop)), "kept");
         }
     }
-    bytes_of(|path| file::write(path, &house, &store, &TINY).expect("written"))
+    written_bytes(|path| file::write(path, &house, &store, &TINY).expect("written"))
 }
 
 /// Reads a house and renders three frames of it.
@@ -129,14 +129,14 @@ fn house_files() {
 }
 
 /// A cache with one frame of truth.
-struct Cached {
+struct TruthCache {
     tracer: Tracer,
     lighting: Lighting,
     camera: Camera,
     folder: TempDir,
 }
 
-impl Cached {
+impl TruthCache {
     fn new() -> Self {
         let scene = Arc::new(headbox_scenes::build("bump", 0).expect("built in"));
         let centre = scene.headbox.expect("it has one").centre;
@@ -189,7 +189,7 @@ impl Cached {
 
 #[test]
 fn kept_truth() {
-    let cached = Cached::new();
+    let cached = TruthCache::new();
     let original = std::fs::read(cached.file()).expect("read");
     try_mutations("a.truth", &[original], true, |path| cached.check_with(path));
 }
@@ -197,7 +197,7 @@ fn kept_truth() {
 /// Files of earlier failures, and a small file of every kind, must give a valid result or an error.
 #[test]
 fn corpus_files_are_valid_or_errors() {
-    let cached = Cached::new();
+    let cached = TruthCache::new();
     let mut replayed = 0;
     for entry in std::fs::read_dir(corpus_folder())
         .expect("the corpus")

@@ -18,10 +18,10 @@ use std::time::{Duration, Instant};
 pub static LARGEST: AtomicUsize = AtomicUsize::new(0);
 
 /// The system's allocator, which records the largest requested size.
-pub struct Watched;
+pub struct RecordingAllocator;
 
 // SAFETY: every call goes to the system's allocator unchanged; only an atomic counter is added.
-unsafe impl GlobalAlloc for Watched {
+unsafe impl GlobalAlloc for RecordingAllocator {
     // SAFETY: as the trait asks; the size is noted, and the call handed on unchanged.
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         LARGEST.fetch_max(layout.size(), Ordering::Relaxed);
@@ -51,7 +51,7 @@ unsafe impl GlobalAlloc for Watched {
 }
 
 #[global_allocator]
-static WATCHED: Watched = Watched;
+static ALLOCATOR: RecordingAllocator = RecordingAllocator;
 
 /// Maximum size of a single allocation. The largest one of a valid small file is the head of an
 /// accumulator store for the largest allowed face (8,192 px), some tens of MiB. An unchecked count
@@ -63,7 +63,7 @@ const CASES: u64 = 400;
 const LONGEST: Duration = Duration::from_secs(2);
 
 /// Locks the recorded allocation size, which tests share.
-pub fn alone() -> MutexGuard<'static, ()> {
+pub fn lock_allocations() -> MutexGuard<'static, ()> {
     static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
     ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner)
 }
@@ -78,7 +78,7 @@ pub struct Rounds {
 }
 
 impl Rounds {
-    pub fn of(cases: u64) -> Self {
+    pub fn new(cases: u64) -> Self {
         let seconds = std::env::var("HEADBOX_FUZZ_SECONDS")
             .ok()
             .and_then(|s| s.parse().ok());
@@ -118,24 +118,24 @@ pub fn try_mutations(
     in_sections: bool,
     read: impl Fn(&Path) -> bool,
 ) {
-    let _alone = alone();
+    let _lock = lock_allocations();
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join(name);
     for original in originals {
         std::fs::write(&path, original).expect("written");
         assert!(read(&path), "{name}: the original is sound");
     }
-    let (mut rounds, mut sound) = (Rounds::of(CASES), 0u64);
+    let (mut rounds, mut sound) = (Rounds::new(CASES), 0u64);
     while let Some(seed) = rounds.next() {
-        let mut dice = Dice::new(seed.wrapping_mul(0x2545_f491_4f6c_dd1d));
-        let original = &originals[dice.below(originals.len())];
-        let bytes = if in_sections && dice.below(4) > 0 {
-            let mut parts = Parts::of(original);
-            parts.mutate(&mut dice);
+        let mut rng = MutationRng::new(seed.wrapping_mul(0x2545_f491_4f6c_dd1d));
+        let original = &originals[rng.below(originals.len())];
+        let bytes = if in_sections && rng.below(4) > 0 {
+            let mut parts = Parts::parse(original);
+            parts.mutate(&mut rng);
             parts.file()
         } else {
             let mut bytes = original.clone();
-            mutate(&mut bytes, &mut dice);
+            mutate(&mut bytes, &mut rng);
             bytes
         };
         std::fs::write(&path, &bytes).expect("written");
@@ -160,7 +160,7 @@ pub fn try_mutations(
 }
 
 /// Returns the bytes that `write` writes to a file.
-pub fn bytes_of(write: impl FnOnce(&Path)) -> Vec<u8> {
+pub fn written_bytes(write: impl FnOnce(&Path)) -> Vec<u8> {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("original");
     write(&path);
@@ -177,9 +177,9 @@ pub fn corpus_folder() -> PathBuf {
 }
 
 /// Random choices of mutations.
-pub struct Dice(Rng);
+pub struct MutationRng(Rng);
 
-impl Dice {
+impl MutationRng {
     pub fn new(seed: u64) -> Self {
         Self(Rng::keyed(seed))
     }
@@ -219,39 +219,39 @@ const NUMBERS: [&str; 14] = [
 const SIGNS: &[u8] = b"0123456789-./\\ \n\r\t\"{}[],:eE#nfvtrue";
 
 /// Applies one to four random changes.
-pub fn mutate(bytes: &mut Vec<u8>, dice: &mut Dice) {
-    for _ in 0..1 + dice.below(4) {
-        let at = dice.below(bytes.len() + 1);
-        match dice.below(9) {
+pub fn mutate(bytes: &mut Vec<u8>, rng: &mut MutationRng) {
+    for _ in 0..1 + rng.below(4) {
+        let at = rng.below(bytes.len() + 1);
+        match rng.below(9) {
             0 => {
                 if let Some(byte) = bytes.get_mut(at) {
-                    *byte ^= 1 << dice.below(8);
+                    *byte ^= 1 << rng.below(8);
                 }
             }
             1 => {
                 if let Some(byte) = bytes.get_mut(at) {
-                    *byte = dice.bits() as u8;
+                    *byte = rng.bits() as u8;
                 }
             }
             2 => {
-                let sign = *dice.pick(SIGNS);
+                let sign = *rng.pick(SIGNS);
                 bytes.insert(at, sign);
             }
             3 => {
-                let end = (at + 1 + dice.below(24)).min(bytes.len());
+                let end = (at + 1 + rng.below(24)).min(bytes.len());
                 bytes.drain(at..end);
             }
             4 => bytes.truncate(at),
             5 => {
-                let end = (at + dice.below(64)).min(bytes.len());
+                let end = (at + rng.below(64)).min(bytes.len());
                 let piece = bytes[at..end].to_vec();
-                let to = dice.below(bytes.len() + 1);
+                let to = rng.below(bytes.len() + 1);
                 bytes.splice(to..to, piece);
             }
-            6 | 7 => replace_number(bytes, at, dice),
+            6 | 7 => replace_number(bytes, at, rng),
             _ => {
-                let width = *dice.pick(&[2, 4, 8]);
-                let value = *dice.pick(&[
+                let width = *rng.pick(&[2, 4, 8]);
+                let value = *rng.pick(&[
                     0u64,
                     1,
                     0x7f,
@@ -275,7 +275,7 @@ pub fn mutate(bytes: &mut Vec<u8>, dice: &mut Dice) {
 }
 
 /// Replaces the digits at or after a position by another number.
-fn replace_number(bytes: &mut Vec<u8>, from: usize, dice: &mut Dice) {
+fn replace_number(bytes: &mut Vec<u8>, from: usize, rng: &mut MutationRng) {
     let Some(start) = (from..bytes.len()).find(|&i| bytes[i].is_ascii_digit()) else {
         return;
     };
@@ -283,7 +283,7 @@ fn replace_number(bytes: &mut Vec<u8>, from: usize, dice: &mut Dice) {
     let end = (start..bytes.len())
         .find(|&i| !in_number(&bytes[i]))
         .unwrap_or(bytes.len());
-    let number = dice.pick(&NUMBERS).bytes();
+    let number = rng.pick(&NUMBERS).bytes();
     bytes.splice(start..end, number);
 }
 
@@ -295,7 +295,7 @@ pub struct Parts {
 
 impl Parts {
     /// Parses an undamaged file.
-    pub fn of(file: &[u8]) -> Self {
+    pub fn parse(file: &[u8]) -> Self {
         let word = |at: usize| {
             u32::from_le_bytes(file[at..at + 4].try_into().expect("four bytes")) as usize
         };
@@ -314,17 +314,17 @@ impl Parts {
     }
 
     /// Changes the content of a section; checksums stay valid.
-    pub fn mutate(&mut self, dice: &mut Dice) {
+    pub fn mutate(&mut self, rng: &mut MutationRng) {
         let count = self.sections.len();
         // The first section describes the others.
-        let which = if dice.below(3) > 0 {
+        let which = if rng.below(3) > 0 {
             0
         } else {
-            dice.below(count)
+            rng.below(count)
         };
-        mutate(&mut self.sections[which].1, dice);
-        if dice.below(20) == 0 {
-            let from = dice.below(count);
+        mutate(&mut self.sections[which].1, rng);
+        if rng.below(20) == 0 {
+            let from = rng.below(count);
             self.sections[which].1 = self.sections[from].1.clone();
         }
     }

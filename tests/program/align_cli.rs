@@ -33,7 +33,7 @@ fn with_colmap(folder: &Path, last_step: &str) {
 }
 
 /// Options with which the stand-in for COLMAP was called.
-fn asked(folder: &Path) -> String {
+fn requested_options(folder: &Path) -> String {
     fs::read_to_string(folder.join("asked")).unwrap()
 }
 
@@ -87,7 +87,7 @@ fn with_bin(folder: &Path) -> String {
 }
 
 /// Lists other files among the photographs.
-fn left(folder: &Path) -> Vec<String> {
+fn other_files(folder: &Path) -> Vec<String> {
     let names = fs::read_dir(folder.join("photos"))
         .unwrap()
         .map(|e| e.unwrap().file_name().into_string().unwrap());
@@ -114,7 +114,7 @@ fn model_is_written_beside_photographs_and_read() {
         !words.contains("images are missing"),
         "the photographs themselves are its pictures: {words}"
     );
-    assert_eq!(left(dir.path()), ["sparse"]);
+    assert_eq!(other_files(dir.path()), ["sparse"]);
     let (again, words) = align(dir.path(), &with_bin(dir.path()));
     assert_eq!(again.status.code(), Some(1));
     assert!(words.contains("a model exists"), "{words}");
@@ -142,7 +142,7 @@ fn failed_alignment_is_reported_and_leaves_folder_unchanged() {
         let (output, words) = align(dir.path(), &with_bin(dir.path()));
         assert_eq!(output.status.code(), Some(1), "{words}");
         assert!(words.contains(expected), "{words}");
-        assert!(left(dir.path()).is_empty());
+        assert!(other_files(dir.path()).is_empty());
     }
     let dir = tempfile::tempdir().unwrap();
     photographs(dir.path());
@@ -152,7 +152,7 @@ fn failed_alignment_is_reported_and_leaves_folder_unchanged() {
             && words.contains("apt install colmap"),
         "{words}"
     );
-    assert!(left(dir.path()).is_empty());
+    assert!(other_files(dir.path()).is_empty());
 }
 
 /// COLMAP skips photographs whose size differs from that of its only camera, such as upright ones
@@ -168,9 +168,9 @@ fn photographs_of_several_sizes_get_separate_cameras() {
         with_colmap(dir.path(), "exit 0");
         align(dir.path(), &with_bin(dir.path()));
         assert!(
-            asked(dir.path()).contains(expected),
+            requested_options(dir.path()).contains(expected),
             "{size:?}: {}",
-            asked(dir.path())
+            requested_options(dir.path())
         );
     }
 }

@@ -38,7 +38,7 @@ fn capture(folder: &Path) {
 }
 
 /// Renders the frame of the face -Z: linear red, green, blue of each pixel.
-fn frame_of_face(folder: &Path) -> Vec<[f32; 3]> {
+fn face_frame(folder: &Path) -> Vec<[f32; 3]> {
     let info = json(folder, &["info", "a.ldi", "--json"]);
     let centre: Vec<f64> = info["capture"]["centre"]
         .as_array()
@@ -90,7 +90,7 @@ fn share_off(found: impl Iterator<Item = [f32; 4]>, frame: &[[f32; 3]]) -> f64 {
 fn deep_pixels_and_flat_layers_make_the_frame() {
     let dir = tempfile::tempdir().unwrap();
     capture(dir.path());
-    let frame = frame_of_face(dir.path());
+    let frame = face_frame(dir.path());
     let told = json(dir.path(), &["export", "a.ldi", "-o", "deep.exr", "--json"]);
     assert_eq!(told["size"], serde_json::json!([FACE_PX, 6 * FACE_PX]));
     let all = DeepImage::read(&dir.path().join("deep.exr")).unwrap();

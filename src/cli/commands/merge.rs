@@ -1,7 +1,7 @@
 //! `headbox merge`.
 
 use super::capture::{spill_budget, warn_if_blocked};
-use crate::messages::{UsageError, format_count};
+use crate::messages::format_count;
 use crate::output::{CUBE, Outputs, output_name, peak_rss_mb, print_json};
 use crate::packing::{PackingArgs, describe_cube};
 use crate::progress::Bar;
@@ -58,11 +58,7 @@ impl MergeCommand {
             source.name.clone_from(name);
         }
         match (&self.sky, &mut source.light.sky) {
-            (Some(_), None) => {
-                return Err(
-                    UsageError("--sky: the shards were captured without one".into()).into(),
-                );
-            }
+            (Some(_), None) => bail_usage!("--sky: the shards were captured without one"),
             (Some(moved), Some(sky)) => sky.clone_from(moved),
             (None, _) => {}
         }

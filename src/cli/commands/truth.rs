@@ -1,6 +1,6 @@
 //! `headbox truth`.
 
-use crate::args::{CameraArgs, SceneArgs};
+use crate::args::{CameraArgs, SceneArgs, parse_sides};
 use crate::commands::render::radiance::{is_radiance, save_radiance};
 use crate::messages::UsageError;
 use crate::output::{FRAME, Outputs, output_name, peak_rss_mb, print_json, save_picture};
@@ -198,11 +198,8 @@ fn describe_noise(error_db: f64) -> String {
 
 /// Parses numbers of cameras side by side and above each other, `COLUMNSxROWS`.
 fn parse_wall(text: &str) -> Result<(u32, u32), String> {
-    let sides = text
-        .split_once(['x', 'X'])
-        .and_then(|(columns, rows)| Some((columns.parse().ok()?, rows.parse().ok()?)));
-    sides
-        .filter(|(columns, rows): &(u32, u32)| {
+    parse_sides(text)
+        .filter(|(columns, rows)| {
             (1..=10_000).contains(columns)
                 && (1..=10_000).contains(rows)
                 && columns * rows <= 10_000

@@ -15,7 +15,6 @@ use clap::Args;
 use headbox_core::camera::Camera;
 use headbox_images::{ImageSet, View, read_sparse_points};
 use headbox_ldi::from_images::{ImagesJob, NearImages};
-use headbox_ldi::scene_source::SceneSource;
 use headbox_photos::view_geometry::view::GeometryView;
 use headbox_photos::view_geometry::{GeometrySettings, Texturing};
 use headbox_viewer::{Exit, FrameSource, PendingSource, ReplayMode, Stereo, ViewerOptions};
@@ -147,37 +146,31 @@ impl ViewCommand {
     ///
     /// # Errors
     /// A usage error if an option does not apply to the file.
-    fn opener(
-        &self,
-        file: &str,
-    ) -> anyhow::Result<impl FnOnce() -> anyhow::Result<Box<dyn FrameSource>> + Send + 'static>
-    {
+    fn opener(&self, file: &str) -> anyhow::Result<Opener> {
         let is_set = is_image_set(file);
         if self.live && !is_set {
-            return Err(UsageError("--live is for a folder of images with depth".into()).into());
+            bail_usage!("--live is for a folder of images with depth");
         }
         self.images.refuse_without_set(is_set)?;
         let texturing = parse_texturing(self.variant.as_deref(), is_set)?;
         if let (None, Some(variant)) = (texturing, &self.variant) {
-            let message = format!(
+            bail_usage!(
                 "--variant {variant}: view has geometry-blended and its kin (-averaged, -multi, -single, -nearest) alone, of a folder of \
                  images with depth; what splats look like is a setting (--set kernel=NAME)"
             );
-            return Err(UsageError(message).into());
         }
         if texturing.is_none() && self.geometry.are_given() {
-            return Err(UsageError(GEOMETRY_ALONE.into()).into());
+            bail_usage!("{GEOMETRY_ALONE}");
         }
-        let input = ViewInput {
-            source: self.source.source(file),
-            is_set,
-            live: self.live,
-            set: self.images,
-            texturing,
-            geometry: self.geometry.clone(),
-        };
-        let out = self.out.clone();
-        Ok(move || input.open(&out))
+        if !is_set {
+            let (source, out) = (self.source.source(file), self.out.clone());
+            return Ok(Box::new(move || Ok(open_source(source, &out)?)));
+        }
+        let (folder, set, live) = (PathBuf::from(file), self.images, self.live);
+        let geometry = self.geometry.clone();
+        Ok(Box::new(move || {
+            open_set(&folder, set, live, texturing, &geometry)
+        }))
     }
 
     fn options(&self) -> Result<ViewerOptions, UsageError> {
@@ -230,62 +223,46 @@ impl ViewCommand {
     }
 }
 
-/// Input of the window, with its options.
-struct ViewInput {
-    source: SceneSource,
-    is_set: bool,
-    /// For image sets: true to show cube LDIs of the images nearest to the eye.
-    live: bool,
-    set: SetArgs,
-    /// For image sets: texturing of view-dependent geometry, `None` for a cube LDI.
-    texturing: Option<Texturing>,
-    geometry: GeometryArgs,
-}
+/// Function that opens a source.
+type Opener = Box<dyn FnOnce() -> anyhow::Result<Box<dyn FrameSource>> + Send>;
 
-impl ViewInput {
-    /// Opens the input; live captures are saved in `out`.
-    fn open(self, out: &Path) -> anyhow::Result<Box<dyn FrameSource>> {
-        let Self {
-            source,
-            is_set,
-            live,
-            set,
+/// Opens a folder of images: by cube LDIs of the images nearest to the eye if `live`, by
+/// view-dependent geometry with `texturing`, else as one cube LDI.
+fn open_set(
+    folder: &Path,
+    set: SetArgs,
+    live: bool,
+    texturing: Option<Texturing>,
+    geometry: &GeometryArgs,
+) -> anyhow::Result<Box<dyn FrameSource>> {
+    let set = set.open_registered(folder)?;
+    let marks = Marks::new(&set.views, read_sparse_points(folder)?);
+    let source = if live {
+        let (near, start) = near_images(folder, set)?;
+        show_live(near, folder, &start)?
+    } else if let Some(texturing) = texturing {
+        let settings = GeometrySettings {
             texturing,
-            geometry,
-        } = self;
-        if !is_set {
-            return Ok(open_source(source, out)?);
-        }
-        let folder = Path::new(&source.name);
-        let set = set.open_registered(folder)?;
-        let marks = Marks::new(&set.views, read_sparse_points(folder)?);
-        let source = if live {
-            let (near, start) = near_images(folder, set)?;
-            show_live(near, folder, &start)?
-        } else if let Some(texturing) = texturing {
-            let settings = GeometrySettings {
-                texturing,
-                ..geometry.settings()
-            };
-            let (geometry, start) = open_geometry(&set, &geometry.resources)?;
-            let no_start = || {
-                format!(
-                    "{}: its middle view is no perspective picture to start at",
-                    folder.display()
-                )
-            };
-            let view = GeometryView::new(geometry, &start.with_context(no_start)?, settings);
-            show_view(Box::new(view), folder)
-        } else if set.views_with_depth().next().is_none() {
-            show_photographs(set, folder)?
-        } else {
-            let bar = Bar::new();
-            let cube = images::cube_from_set(&set, &bar)?;
-            bar.finish();
-            show_cube(cube, folder)
+            ..geometry.settings()
         };
-        Ok(show_marks(source, marks))
-    }
+        let (geometry, start) = open_geometry(&set, &geometry.resources)?;
+        let no_start = || {
+            format!(
+                "{}: its middle view is no perspective picture to start at",
+                folder.display()
+            )
+        };
+        let view = GeometryView::new(geometry, &start.with_context(no_start)?, settings);
+        show_view(Box::new(view), folder)
+    } else if set.views_with_depth().next().is_none() {
+        show_photographs(set, folder)?
+    } else {
+        let bar = Bar::new();
+        let cube = images::cube_from_set(&set, &bar)?;
+        bar.finish();
+        show_cube(cube, folder)
+    };
+    Ok(show_marks(source, marks))
 }
 
 /// An open source, or one that another thread is opening.
@@ -296,10 +273,7 @@ enum OpenedSource {
 
 /// Opens a source on another thread. If that is slow, returns a pending source, so that the window
 /// appears first.
-fn open_or_defer(
-    name: &str,
-    open: impl FnOnce() -> anyhow::Result<Box<dyn FrameSource>> + Send + 'static,
-) -> anyhow::Result<OpenedSource> {
+fn open_or_defer(name: &str, open: Opener) -> anyhow::Result<OpenedSource> {
     /// Time within which a source is opened before the window, and errors are printed.
     const TIMEOUT: Duration = Duration::from_millis(100);
     // Without a buffer, a result that arrives after the timeout is returned to the sender.

@@ -280,11 +280,10 @@ impl CaptureCommand {
             .extension()
             .is_some_and(|ending| ending.eq_ignore_ascii_case("shard"));
         if self.shard.is_none() && is_shard {
-            let message = format!(
+            bail_usage!(
                 "{}: a .shard is a part of a capture; specify the part, such as --shard 1/2",
                 self.output.display()
             );
-            return Err(UsageError(message).into());
         }
         let endings = if self.shard.is_some() { &SHARD } else { &CUBE };
         Outputs::new(self.json, [scene_name]).file(&self.output, endings)

@@ -1,6 +1,5 @@
 //! `headbox export`.
 
-use crate::messages::UsageError;
 use crate::output::{EXPORT, Outputs, print_json};
 use anyhow::{Context, bail};
 use clap::Args;
@@ -74,7 +73,7 @@ impl ExportCommand {
             (self.face.is_some(), "--face", "exr"),
         ] {
             if given && ending != wanted {
-                return Err(UsageError(format!("{name} is for .{wanted} files")).into());
+                bail_usage!("{name} is for .{wanted} files");
             }
         }
         let Some(representation) = headbox_views::find(&self.file) else {

@@ -7,7 +7,6 @@ pub(crate) mod file;
 mod write;
 
 use crate::args::LightArgs;
-use crate::messages::UsageError;
 use crate::output::{Outputs, PLAN, print_json, write_text};
 use clap::Args;
 use glam::{DVec2, DVec3};
@@ -112,10 +111,9 @@ impl HouseCommand {
                 let findings = model.mend();
                 Ok(LoadedModel { model, findings })
             }
-            Some(other) => Err(UsageError(format!(
-                "there is no built-in portal model \"{other}\"; there is builtin:house"
-            ))
-            .into()),
+            Some(other) => {
+                bail_usage!("there is no built-in portal model \"{other}\"; there is builtin:house")
+            }
             None => Ok(load_model(
                 Path::new(&self.model),
                 &ModelOptions {

@@ -3,7 +3,9 @@
 mod images;
 
 use super::images::is_image_set;
-use crate::args::{Names, SourceArgs, by_name, parse_length, parse_size, parse_vector};
+use crate::args::{
+    Names, SourceArgs, by_name, parse_length, parse_sides, parse_size, parse_vector,
+};
 use crate::commands::capture::place::place_headbox;
 use crate::image_set::SetArgs;
 use crate::messages::UsageError;
@@ -138,11 +140,8 @@ fn placement_name(placement: Placement) -> &'static str {
 const MAX_CAMERAS: u32 = 256;
 
 fn parse_cameras(text: &str) -> Result<(u32, u32), String> {
-    let counts = text
-        .split_once(['x', 'X'])
-        .and_then(|(c, r)| Some((c.parse().ok()?, r.parse().ok()?)));
     let allowed = 1..=MAX_CAMERAS;
-    match counts {
+    match parse_sides(text) {
         Some((columns, rows)) if allowed.contains(&columns) && allowed.contains(&rows) => {
             Ok((columns, rows))
         }
@@ -256,22 +255,18 @@ impl GridArgs {
     fn place(&self, scene: &Arc<Scene>) -> anyhow::Result<(Vec<CameraGrid>, Tracer)> {
         let several = self.plane.len() > 1;
         if several && self.slabs.is_some() {
-            return Err(usage(
-                "--slabs turns one --plane; give one, or leave --slabs out",
-            ));
+            bail_usage!("--slabs turns one --plane; give one, or leave --slabs out");
         }
         if self.plane.len() > MAX_SLABS {
-            return Err(usage(format!(
+            bail_usage!(
                 "{} planes; a file has {MAX_SLABS} at most",
                 self.plane.len()
-            )));
+            );
         }
         let planes = self.plane.len().max(1);
         if self.normal.len() > 1 && self.normal.len() != planes {
             let normals = self.normal.len();
-            return Err(usage(format!(
-                "{normals} --normal for {planes} --plane; give one, or one for each"
-            )));
+            bail_usage!("{normals} --normal for {planes} --plane; give one, or one for each");
         }
         let headbox = place_headbox(scene, self.plane.first().copied(), None)?;
         let tracer = Tracer::new(Arc::clone(scene), headbox.centre);
@@ -318,9 +313,9 @@ impl GridArgs {
             .map_or(2.0 * headbox.half_size_m, |edge| edge * frame.unit_m);
         let normal = normal.map(|normal| frame.world_direction_from_file(normal));
         let normal = normal.unwrap_or_else(|| viewpoint::suggest_view(tracer, headbox.centre));
-        let world_from_eye = CameraGrid::facing(normal, self.up(frame)).ok_or_else(|| {
-            usage("--normal has no direction; give three numbers that are not all 0")
-        })?;
+        let Some(world_from_eye) = CameraGrid::facing(normal, self.up(frame)) else {
+            bail_usage!("--normal has no direction; give three numbers that are not all 0")
+        };
         let (columns, rows) = self
             .cameras
             .map_or((4, 4), |(columns, rows)| (columns as usize, rows as usize));
@@ -349,7 +344,7 @@ impl GridArgs {
             parts.convergence =
                 focus_m.map_or_else(|| middle_disparity(tracer, &parts), |focus| 1.0 / focus);
         }
-        CameraGrid::new(parts).map_err(|error| usage(error.to_string()))
+        Ok(CameraGrid::new(parts).map_err(|error| UsageError(error.to_string()))?)
     }
 
     /// The first plane of cameras and its copies, rotated about a vertical line.
@@ -391,10 +386,6 @@ impl GridArgs {
             .collect::<Result<_, _>>()
             .map_err(|error| UsageError(error.to_string()))
     }
-}
-
-fn usage(text: impl Into<String>) -> anyhow::Error {
-    UsageError(text.into()).into()
 }
 
 /// Describes the first light slab, and the planes of all.

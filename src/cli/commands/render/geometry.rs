@@ -2,7 +2,6 @@
 
 use crate::commands::images::views_with_depth;
 use crate::image_set::SetArgs;
-use crate::messages::UsageError;
 use crate::progress::Bar;
 use clap::Args;
 use glam::DVec3;
@@ -132,10 +131,9 @@ pub(crate) fn parse_texturing(
     is_set_alone: bool,
 ) -> anyhow::Result<Option<Texturing>> {
     match variant.and_then(Texturing::from_name) {
-        Some(_) if !is_set_alone => Err(UsageError(
-            "view-dependent geometry is for one folder of images with depth, alone".into(),
-        )
-        .into()),
+        Some(_) if !is_set_alone => {
+            bail_usage!("view-dependent geometry is for one folder of images with depth, alone")
+        }
         texturing => Ok(texturing),
     }
 }

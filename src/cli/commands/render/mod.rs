@@ -173,7 +173,7 @@ impl RenderCommand {
         let has_geometry_flags =
             self.geometry.are_given() || ["cameras", "grid", "lod"].iter().any(is_given);
         if texturing.is_none() && has_geometry_flags {
-            return Err(UsageError(GEOMETRY_ALONE.into()).into());
+            bail_usage!("{GEOMETRY_ALONE}");
         }
         if let (true, None, Some(name)) = (is_set_alone, texturing, self.settings.get("variant")) {
             refuse_unknown_variant(name)?;
@@ -197,12 +197,10 @@ impl RenderCommand {
         let is_radiance = self.path.is_none() && is_radiance(&self.output);
         if is_radiance && view.radiance_of_levels().is_none() {
             let kind = view.kind();
-            let message = format!("a frame in an .exr is for a cube LDI; {kind} has no radiance");
-            return Err(UsageError(message).into());
+            bail_usage!("a frame in an .exr is for a cube LDI; {kind} has no radiance");
         }
         if is_radiance && self.settings.get("exposure").is_some() {
-            let message = "--exposure is for pictures; an .exr holds the light itself";
-            return Err(UsageError(message.into()).into());
+            bail_usage!("--exposure is for pictures; an .exr holds the light itself");
         }
         Ok(ViewRenderer::new(view, values))
     }
@@ -240,12 +238,11 @@ impl RenderCommand {
             }
             let others = [HOUSE_FILE, LUMI_FILE];
             if let Some(other) = others.iter().find(|other| kind == Some(other.tag)) {
-                let message = format!(
+                bail_usage!(
                     "{}: a {} is rendered alone, without other files",
                     file.display(),
                     other.name
                 );
-                return Err(UsageError(message).into());
             }
             let cube = if is_image_set(&file.to_string_lossy()) {
                 self.cube(file)?

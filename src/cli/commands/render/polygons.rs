@@ -36,11 +36,10 @@ impl PolygonsArg {
         let (name, parts) =
             split_settings(&text, &KEYS).map_err(|cause| UsageError(format!("{text}: {cause}")))?;
         if let Some(unknown) = unknown_setting(name) {
-            let message = format!(
+            bail_usage!(
                 "{text}: there is no setting {unknown}; there are {}",
                 KEYS.join(", ")
             );
-            return Err(UsageError(message).into());
         }
         let ending = Path::new(name)
             .extension()

@@ -1,7 +1,6 @@
 //! Renderer of a view with its settings, for `headbox render`.
 
 use crate::commands::capture::place::{figure, triple};
-use crate::messages::UsageError;
 use anyhow::anyhow;
 use headbox_core::camera::Camera;
 use headbox_core::frame::Frame;
@@ -139,8 +138,7 @@ impl ViewRenderer {
                 continue;
             }
             if request.depth && frame.depth_m.is_empty() {
-                let message = format!("--depth does not apply to this view ({})", self.view.kind());
-                return Err(UsageError(message).into());
+                bail_usage!("--depth does not apply to this view ({})", self.view.kind());
             }
             for warning in &report.warnings {
                 if self.warned.insert(warning.clone()) {

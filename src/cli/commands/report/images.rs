@@ -12,7 +12,7 @@ use image::RgbImage;
 use std::path::Path;
 
 /// Arranges pictures in rows of `across`, in cells of the largest width and height.
-pub(crate) fn sheet(pictures: &[&RgbImage], across: usize) -> RgbImage {
+fn sheet(pictures: &[&RgbImage], across: usize) -> RgbImage {
     let [width, height] = [RgbImage::width, RgbImage::height].map(|side| {
         pictures
             .iter()
@@ -38,13 +38,13 @@ pub(crate) fn sheet(pictures: &[&RgbImage], across: usize) -> RgbImage {
 }
 
 /// Saves pictures side by side; keeps the first error.
-struct SheetWriter<'a> {
-    folder: &'a Path,
-    failed: Option<anyhow::Error>,
+pub(crate) struct SheetWriter<'a> {
+    pub(crate) folder: &'a Path,
+    pub(crate) failed: Option<anyhow::Error>,
 }
 
 impl SheetWriter<'_> {
-    fn save(&mut self, name: &str, pictures: &[&RgbImage], across: usize) {
+    pub(crate) fn save(&mut self, name: &str, pictures: &[&RgbImage], across: usize) {
         let path = self
             .folder
             .join(format!("{}.png", name.replace(['/', '.'], "_")));
@@ -102,8 +102,13 @@ pub(super) fn write(
     if let Some(error) = sheets.failed {
         return Err(error);
     }
-    write_text(&folder.join("report.json"), &(json + "\n"))?;
-    write_text(&folder.join("summary.md"), &summary)?;
+    write_report(folder, json, &summary)?;
     print!("{summary}");
     Ok(())
+}
+
+/// Writes `report.json` and `summary.md`.
+pub(crate) fn write_report(folder: &Path, json: String, summary: &str) -> anyhow::Result<()> {
+    write_text(&folder.join("report.json"), &(json + "\n"))?;
+    write_text(&folder.join("summary.md"), summary)
 }

@@ -194,7 +194,7 @@ impl ReportCommand {
                 .iter()
                 .any(|other| other.name == subject.name)
             {
-                return Err(UsageError(format!("{} is named twice", subject.name)).into());
+                bail_usage!("{} is named twice", subject.name);
             }
         }
         let output = self.output_or("headbox-report");
@@ -289,7 +289,7 @@ impl ReportCommand {
             None
         };
         if kind.is_some() && named.is_placed() {
-            return Err(UsageError(format!("{name}: says itself where its headbox is")).into());
+            bail_usage!("{name}: says itself where its headbox is");
         }
         let quality = match (self.quick, self.real) {
             (true, _) => Quality::QUICK,

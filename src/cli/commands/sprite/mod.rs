@@ -8,7 +8,6 @@ use crate::args::{
     CameraArgs, DefaultCamera, Names, SourceArgs, by_name, parse_length, refuse_given,
 };
 use crate::commands::sprite::sequence::SequenceArgs;
-use crate::messages::UsageError;
 use crate::output::{Outputs, SPRITES, peak_rss_mb, print_json, write_text};
 use crate::progress::Bar;
 use anyhow::{Context, bail};
@@ -137,10 +136,7 @@ const DEPTH_KINDS: Names<DepthKind> = &[
 impl SpriteCommand {
     pub(crate) fn run(&self) -> anyhow::Result<()> {
         if self.output.is_none() && self.export.is_none() && self.range.is_none() {
-            return Err(UsageError(
-                "nothing to do: give -o FILE.sprite, --export DIR or --range DIR".into(),
-            )
-            .into());
+            bail_usage!("nothing to do: give -o FILE.sprite, --export DIR or --range DIR");
         }
         let start = Instant::now();
         let outputs = self.outputs()?;
@@ -211,17 +207,15 @@ impl SpriteCommand {
                     .is_some_and(|e| e.eq_ignore_ascii_case("sprite")) =>
             {
                 if self.range.is_some() {
-                    return Err(UsageError(
-                        "--range needs a scene: a .sprite file has no truth".into(),
-                    )
-                    .into());
+                    bail_usage!("--range needs a scene: a .sprite file has no truth");
                 }
                 Ok(SpriteSet::read(Path::new(file))?)
             }
             (Some(scene), None) => self.capture(&self.source.source(scene), outputs),
             (None, None) => {
-                let message = "what shall the sprites show? give a scene (see `headbox scenes`), or --color and --depth";
-                Err(UsageError(message.into()).into())
+                bail_usage!(
+                    "what shall the sprites show? give a scene (see `headbox scenes`), or --color and --depth"
+                )
             }
         }
     }
@@ -266,7 +260,7 @@ impl SpriteCommand {
 
     fn import(&self, color_path: &Path) -> anyhow::Result<SpriteSet> {
         let (Some(depth_path), Some(kind)) = (&self.import.depth, self.import.depth_kind) else {
-            return Err(UsageError("--color needs --depth and --depth-kind".into()).into());
+            bail_usage!("--color needs --depth and --depth-kind");
         };
         let color = image_file::read(color_path, image_file::MAX_BYTES);
         let color = color
@@ -284,13 +278,12 @@ impl SpriteCommand {
             );
         }
         if self.camera.size.is_some_and(|wanted| wanted != size) {
-            let message = format!(
+            bail_usage!(
                 "{} has {}x{} pixels; leave --size out",
                 color_path.display(),
                 size.0,
                 size.1
             );
-            return Err(UsageError(message).into());
         }
         let frame = self.source.file_frame();
         let import = DepthImport {
@@ -382,9 +375,7 @@ impl ImportArgs {
         match (kind, self.near) {
             (DepthKind::EyeDepth | DepthKind::RayDistance, _) => Ok((0.0, 0.0)),
             (_, Some(near)) => Ok((near, self.far.unwrap_or(f64::INFINITY))),
-            (_, None) => {
-                Err(UsageError("window depth needs --near METRES (and --far METRES)".into()).into())
-            }
+            (_, None) => bail_usage!("window depth needs --near METRES (and --far METRES)"),
         }
     }
 }

@@ -1,8 +1,8 @@
 //! `headbox sprite FOLDER`: sprites of a sequence of photographs.
 
+use crate::commands::report::images::{SheetWriter, write_report};
 use crate::image_set::SetArgs;
 use crate::messages::UsageError;
-use crate::output::{save_picture, write_text};
 use crate::progress::Bar;
 use anyhow::{Context, bail};
 use clap::Args;
@@ -10,8 +10,9 @@ use headbox_core::file_frame::FileFrame;
 use headbox_core::image_file;
 use headbox_core::progress::Progress;
 use headbox_images::ImageSet;
-use headbox_images::planar_layers::{Frames, LayerJob, Mask, PlanarLayers};
+use headbox_images::planar_layers::{Frames, LayerJob, MAX_LAYERS, Mask, PlanarLayers};
 use headbox_lab::sequence;
+use image::RgbImage;
 use std::path::{Path, PathBuf};
 
 /// Options of sprites of a sequence.
@@ -116,7 +117,7 @@ fn read_masks(folder: &Path) -> anyhow::Result<Vec<Mask>> {
             folder.display()
         );
     }
-    if paths.len() > headbox_images::planar_layers::MAX_LAYERS {
+    if paths.len() > MAX_LAYERS {
         bail!(
             "{}: {} PNG files, more than layers are made",
             folder.display(),
@@ -150,23 +151,16 @@ fn measure(
 ) -> anyhow::Result<(String, PlanarLayers)> {
     let (kept, job, left_out) = sequence::leave_out(set, job)?;
     let frames = load(&kept, &job, bar)?;
-    let mut failed = None;
-    let (report, layers) =
-        sequence::measure(&kept, &job, &frames, &left_out, &mut |name, pictures| {
-            let path = folder.join(format!("{}.png", name.replace(['/', '.'], "_")));
-            failed = failed.take().or(save_picture(
-                &path,
-                &crate::commands::report::images::sheet(pictures, 3),
-            )
-            .err());
-        })?;
-    if let Some(error) = failed {
+    let mut sheets = SheetWriter {
+        folder,
+        failed: None,
+    };
+    let mut save = |name: &str, pictures: &[&RgbImage]| sheets.save(name, pictures, 3);
+    let (report, layers) = sequence::measure(&kept, &job, &frames, &left_out, &mut save)?;
+    if let Some(error) = sheets.failed {
         return Err(error);
     }
-    write_text(
-        &folder.join("report.json"),
-        &(serde_json::to_string_pretty(&report)? + "\n"),
-    )?;
-    write_text(&folder.join("summary.md"), &report.summary())?;
-    Ok((report.summary(), layers))
+    let summary = report.summary();
+    write_report(folder, serde_json::to_string_pretty(&report)?, &summary)?;
+    Ok((summary, layers))
 }
