@@ -203,7 +203,7 @@ pub(super) struct SceneArgs {
     /// A scene: an .obj, .gltf or .glb file, a home (Home.xml, .sh3d, .toml), or builtin:NAME
     scene: String,
     #[command(flatten)]
-    source: SourceArgs,
+    pub(super) source: SourceArgs,
 }
 
 /// Options of reading a scene: axes and unit of its file where they are not the format's default,
@@ -222,11 +222,6 @@ pub(super) struct SourceArgs {
 }
 
 impl SceneArgs {
-    /// Flags of the source, each with true if it is given.
-    pub(super) fn given_flags(&self) -> [(&'static str, bool); 7] {
-        self.source.given_flags()
-    }
-
     /// Name of the scene on the command line.
     pub(super) fn name(&self) -> &str {
         &self.scene

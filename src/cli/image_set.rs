@@ -118,12 +118,11 @@ fn refine(set: &mut ImageSet) -> anyhow::Result<()> {
         .note
         .iter()
         .for_each(|note| eprintln!("note: {note}"));
-    match &report {
-        Some(report) => eprintln!("{}", describe_refinement(report)),
-        None => {
-            eprintln!("poses: kept as given, for no two views with depth of their own see the same")
-        }
-    }
+    let text = report.as_ref().map_or_else(
+        || "poses: kept as given, for no two views with depth of their own see the same".into(),
+        describe_refinement,
+    );
+    eprintln!("{text}");
     Ok(())
 }
 

@@ -55,10 +55,10 @@ fn render(
 }
 
 /// Polls a live capture until it shows more than points; every frame must report its progress.
-fn first_round(growing: &mut dyn FrameSource) {
-    let start = growing.start_pose();
+fn first_round(source: &mut dyn FrameSource) {
+    let start = source.start_pose();
     loop {
-        let (pixels, report) = render(growing, start, &[]);
+        let (pixels, report) = render(source, start, &[]);
         assert!(pixels.iter().all(|pixel| pixel[3] == 255));
         if figure(&report, "depth pixels").is_some() {
             return;
@@ -79,20 +79,16 @@ fn figure(report: &FrameReport, name: &str) -> Option<f64> {
 #[test]
 fn live_capture_saves_and_compares() {
     let dir = tempfile::tempdir().unwrap();
-    let mut growing = open("builtin:miniature", dir.path()).unwrap();
-    let start = growing.start_pose();
-    assert!(growing.bounds().unwrap().contains(start.eye));
-    first_round(&mut *growing);
+    let mut source = open("builtin:miniature", dir.path()).unwrap();
+    let start = source.start_pose();
+    assert!(source.bounds().unwrap().contains(start.eye));
+    first_round(&mut *source);
     assert_eq!(
-        growing
-            .act("save")
-            .unwrap()
-            .matches("miniature.ldi")
-            .count(),
+        source.act("save").unwrap().matches("miniature.ldi").count(),
         1
     );
-    assert!(growing.act("nonsense").is_err());
-    drop(growing);
+    assert!(source.act("nonsense").is_err());
+    drop(source);
 
     let file = dir.path().join("miniature.ldi");
     let mut saved = open(file.to_str().unwrap(), dir.path()).unwrap();
@@ -186,7 +182,7 @@ fn sprites_are_shown_and_orbited() {
     assert!(front != tilted && tilted != flat);
 }
 
-/// The built-in scene of layers, as sprites.
+/// Writes the built-in scene of layers as sprites.
 fn write_sprites(file: &Path) {
     let scene = Arc::new(SceneSource::new("builtin:sprites").open().unwrap());
     let eye = scene.headbox.unwrap().centre;
@@ -206,7 +202,7 @@ fn write_sprites(file: &Path) {
     SpriteSet::new(sprites).write(file).unwrap();
 }
 
-/// A bare house without backdrops, in a file that asks for the coarsest ones.
+/// Writes a plain house without backdrops, in a file that requests the coarsest ones.
 fn write_house(file: &Path) -> House {
     let house = House::new(headbox_scenes::house(3, 0)).unwrap();
     let quality = BackdropQuality {
@@ -222,7 +218,7 @@ fn write_house(file: &Path) -> House {
     house
 }
 
-fn pose_of(camera: &Camera) -> Pose {
+fn pose_from_camera(camera: &Camera) -> Pose {
     Pose::looking_at(camera.eye(), camera.eye() + camera.forward(), 60.0)
 }
 
@@ -264,7 +260,7 @@ fn house_is_walked_between_rooms() {
     .cameras(&house)
     .unwrap()
     {
-        let (pixels, report) = render(&mut *source, pose_of(&camera), &[]);
+        let (pixels, report) = render(&mut *source, pose_from_camera(&camera), &[]);
         let cell = house.cell_of_eye(camera.eye());
         let name = cell.map_or("in a wall", |cell| model.cells[cell as usize].name.as_str());
         assert!(
@@ -300,17 +296,17 @@ fn built_in_house_is_lit_later() {
         "{here}: {:?}",
         report.facts
     );
-    // Closing it while its light is being baked does not wait for that.
+    // Dropping the source does not wait for the running light bake.
     assert!(matches!(report.refinement, Refinement::Later(_)));
 }
 
-/// Writes frames of a path as the window does, and as the command line does.
+/// Renders frames of a path like the window and like the command line.
 #[test]
 fn path_frames_match_command_line() {
     let dir = tempfile::tempdir().unwrap();
-    let mut growing = open("builtin:miniature", dir.path()).unwrap();
-    first_round(&mut *growing);
-    growing.act("save").unwrap();
+    let mut source = open("builtin:miniature", dir.path()).unwrap();
+    first_round(&mut *source);
+    source.act("save").unwrap();
     let (file, path) = (
         dir.path().join("miniature.ldi"),
         dir.path().join("path.json"),
@@ -350,8 +346,8 @@ fn path_frames_match_command_line() {
             .zip(written.iter().flatten())
             .filter(|(a, b)| a != b)
             .count();
-        // A pose goes through degrees and a look-at point: the last bit of a direction may move a
-        // sample's rounding.
+        // A pose is converted to degrees and a look-at point: the last bit of a direction may
+        // change a sample's rounding.
         assert!(
             differing < shown.len() / 1000,
             "pose {i}: {differing} of {} bytes",
@@ -423,7 +419,7 @@ fn lumigraph_starts_at_its_cameras() {
         columns: CameraGrid::evenly(3, 1.0),
         rows: CameraGrid::evenly(3, 1.0),
         focal_px: 60.0,
-        // As wide as the frames below: beyond the images nothing is known.
+        // As wide as the frames below: nothing is known outside of the images.
         size_px: [96, 64],
         convergence: 0.3,
     };
@@ -548,7 +544,7 @@ fn image_folder_is_shown() {
     );
 }
 
-/// Looks until nothing better can come.
+/// Renders until the refinement is done.
 fn settled(
     source: &mut dyn FrameSource,
     pose: Pose,
@@ -563,7 +559,7 @@ fn settled(
     }
 }
 
-/// Images of a plane, a metre from each to the next.
+/// Images of a plane from cameras one metre apart.
 fn six_images(folder: &Path) -> ImageSet {
     let view = |i: u32| {
         saved(
@@ -594,7 +590,7 @@ fn cubes_of_the_nearest_images_follow_the_eye() {
     };
     let (_, report) = settled(source.as_mut(), source_pose(0.2), &[]);
     assert_eq!(made_of(&report), "image 0, image 1, image 2");
-    // While the next is built the last is shown.
+    // The last cube is shown while the next is built.
     let (_, report) = render(source.as_mut(), source_pose(4.6), &[("images", "2")]);
     assert!(report.refinement != Refinement::Done || made_of(&report) == "image 5, image 4");
     let (pixels, report) = settled(source.as_mut(), source_pose(4.6), &[("images", "2")]);
@@ -643,7 +639,7 @@ fn vanished_image_reported_once() {
     );
 }
 
-/// Looking down -Z from a place on the X axis.
+/// Pose on the X axis that looks down -Z.
 fn source_pose(x: f64) -> Pose {
     Pose::looking_at(DVec3::X * x, DVec3::new(x, 0.0, -1.0), 60.0)
 }

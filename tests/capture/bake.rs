@@ -383,7 +383,8 @@ fn reflected_light_equals_estimator() {
     }
 }
 
-/// At the edge of a shadow all samples test the visibility of the sun, elsewhere twelve.
+/// At the edge of a shadow all samples test the visibility of the sun, elsewhere twelve: light is
+/// full or none there.
 #[test]
 fn edges_of_shadows_take_all_samples() {
     let mut source = floor_and_post(false);

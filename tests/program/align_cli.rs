@@ -155,8 +155,8 @@ fn failed_alignment_is_reported_and_leaves_folder_unchanged() {
     assert!(other_files(dir.path()).is_empty());
 }
 
-/// COLMAP skips photographs whose size differs from that of its only camera, such as upright ones
-/// among others.
+/// COLMAP skips photographs whose size differs from that of its only camera: with upright ones
+/// among others it found nothing.
 #[test]
 fn photographs_of_several_sizes_get_separate_cameras() {
     for (size, expected) in [([16, 12], "single_camera 1"), ([12, 16], "single_camera 0")] {

@@ -21,7 +21,7 @@ impl EyeBounds {
         (eye - self.centre).abs().cmple(self.half_size).all()
     }
 
-    /// Returns the box with every wall moved inward by `distance` metres, which keeps both eyes of a
+    /// Returns the box with every wall moved inward by `distance` metres, to keep both eyes of a
     /// stereo pair inside.
     #[must_use]
     pub fn shrunk(&self, distance: f64) -> Self {

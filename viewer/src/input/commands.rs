@@ -147,7 +147,7 @@ impl Viewer {
     pub(crate) fn collect_shots(&mut self, now_s: f64) {
         let messages = &mut self.messages;
         self.pending_shots.retain(|(path, result)| {
-            let result = lock(&result).take();
+            let result = lock(result).take();
             match &result {
                 Some(Ok(())) => {
                     messages.add(Kind::Done, format!("Saved {}.", path.display()), now_s);

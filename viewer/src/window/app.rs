@@ -168,8 +168,8 @@ impl Viewer {
         while let Some(event) = self.session.next_event() {
             self.handle_event(&ctx, event, now_s);
         }
-        // egui does not draw a pass that it lays out again: a frame taken in it would never be
-        // shown.
+        // egui may lay out a frame in several passes and draws only the last: taking a finished
+        // frame in each of them would lose one.
         if ctx.current_pass_index() == 0
             && let Some(finished) = self.session.take_frame()
         {

@@ -187,7 +187,11 @@ impl CaptureCommand {
     }
 
     fn run_deep(&self) -> anyhow::Result<()> {
-        self.refuse_scene_flags("a deep picture", self.image_flags())?;
+        let image_flags = [
+            ("--depth-noise", self.depth_noise.is_some()),
+            ("--agreement", self.agreement.is_some()),
+        ];
+        self.refuse_scene_flags("a deep picture", image_flags)?;
         let place = DeepPlace {
             centre: self.center,
             look_at: self.look_at,
@@ -289,14 +293,6 @@ impl CaptureCommand {
         Outputs::new(self.json, [scene_name]).file(&self.output, endings)
     }
 
-    /// Flags of image sets only, each with true if it is given.
-    fn image_flags(&self) -> [(&'static str, bool); 2] {
-        [
-            ("--depth-noise", self.depth_noise.is_some()),
-            ("--agreement", self.agreement.is_some()),
-        ]
-    }
-
     /// Flags of deep images only, each with true if it is given.
     fn deep_flags(&self) -> [(&'static str, bool); 2] {
         [
@@ -320,7 +316,7 @@ impl CaptureCommand {
         let flags = own_flags
             .into_iter()
             .chain(self.quality.given_flags())
-            .chain(self.scene.given_flags())
+            .chain(self.scene.source.given_flags())
             .chain(more);
         refuse_given(kind, flags)
     }

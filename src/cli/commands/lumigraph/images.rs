@@ -9,7 +9,7 @@ use std::path::Path;
 use std::time::Instant;
 
 impl LumigraphCommand {
-    /// Warps the images of a set to the nearest regular grid of cameras.
+    /// Warps the images of a set to the images of the grid that their cameras form.
     pub(super) fn run_images(&self) -> anyhow::Result<()> {
         let start = Instant::now();
         // Images have their own cameras and light.
