@@ -1,6 +1,7 @@
 //! Opening of image sets, with notes on standard error.
 
 use super::messages::UsageError;
+use super::output::print_notes;
 use super::progress::Bar;
 use clap::Args;
 use headbox_core::files::protect_input;
@@ -59,9 +60,7 @@ impl SetArgs {
                 .flatten()
                 .for_each(|file| protect_input(file));
         }
-        for note in &set.notes {
-            eprintln!("note: {note}");
-        }
+        print_notes(&set.notes);
         if self.refine_poses {
             refine(&mut set)?;
         }
@@ -90,10 +89,7 @@ impl SetArgs {
         let folder = cache::folder(cache::IMAGES);
         let (report, cached) = cache::register(set, folder.as_deref(), &on_step)?;
         bar.finish();
-        cached
-            .note
-            .iter()
-            .for_each(|note| eprintln!("note: {note}"));
+        print_notes(&cached.note);
         if let Some(report) = &report {
             eprintln!("{}", describe_registration(report));
         }
@@ -114,10 +110,7 @@ fn refine(set: &mut ImageSet) -> anyhow::Result<()> {
     let folder = cache::folder(cache::IMAGES);
     let (report, cached) = cache::refine_poses(set, folder.as_deref(), &on_step)?;
     bar.finish();
-    cached
-        .note
-        .iter()
-        .for_each(|note| eprintln!("note: {note}"));
+    print_notes(&cached.note);
     let text = report.as_ref().map_or_else(
         || "poses: kept as given, for no two views with depth of their own see the same".into(),
         describe_refinement,

@@ -5,6 +5,7 @@ use headbox_core::{files, image_file as picture};
 use headbox_export::film;
 use headbox_scene::scene::Scene;
 use image::codecs::jpeg::JpegEncoder;
+use std::fmt::Display;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -33,10 +34,17 @@ pub(super) fn print_text(text: std::fmt::Arguments<'_>) {
     }
 }
 
-/// Prints the notes of a scene's loader on standard error.
-pub(super) fn print_notes(scene: &Scene) {
-    for note in &scene.summary.notes {
+/// Prints notes on standard error, one line each.
+pub(super) fn print_notes(notes: impl IntoIterator<Item: Display>) {
+    for note in notes {
         eprintln!("note: {note}");
+    }
+}
+
+/// Prints warnings on standard error, one line each.
+pub(super) fn print_warnings(warnings: impl IntoIterator<Item: Display>) {
+    for warning in warnings {
+        eprintln!("warning: {warning}");
     }
 }
 
@@ -211,7 +219,7 @@ impl Outputs {
     /// Prints the notes of the loader, protects all files of an open scene (materials, textures),
     /// and checks the outputs again.
     pub(super) fn add_scene(&self, scene: &Scene) -> anyhow::Result<()> {
-        print_notes(scene);
+        print_notes(&scene.summary.notes);
         scene
             .summary
             .files

@@ -2,7 +2,7 @@
 
 use crate::commands::capture::CaptureCommand;
 use crate::commands::images::SetJob;
-use crate::output::{CUBE, Outputs, peak_rss_mb, print_json};
+use crate::output::{CUBE, Outputs, peak_rss_mb, print_json, print_warnings};
 use crate::packing::describe_cube;
 use crate::progress::Bar;
 use anyhow::bail;
@@ -43,9 +43,7 @@ impl CaptureCommand {
         if let SetJob::Depth(_) = job {
             // Before the work, so that problems are reported at once. Views without depth are not
             // compared, nor are their files needed.
-            for warning in check_neighbors(&set, CHECKED_PAIRS, &mut |_| {})?.warnings {
-                eprintln!("warning: {warning}");
-            }
+            print_warnings(check_neighbors(&set, CHECKED_PAIRS, &mut |_| {})?.warnings);
         }
         let bar = Bar::new();
         let views = job.views(&set);

@@ -1,6 +1,6 @@
 //! `headbox export`.
 
-use crate::output::{EXPORT, Outputs, print_json};
+use crate::output::{EXPORT, Outputs, print_json, print_warnings};
 use anyhow::{Context, bail};
 use clap::Args;
 use headbox_core::cube_face::Face;
@@ -96,9 +96,7 @@ impl ExportCommand {
         let (count, primitive) = view.primitives();
         let mut report = json!({"output": self.output, primitive.replace(' ', "_"): count});
         let summary = self.write(&*view, exporter)?;
-        for warning in &summary.warnings {
-            eprintln!("warning: {warning}");
-        }
+        print_warnings(&summary.warnings);
         for (name, value) in summary.figures {
             report[name] = value;
         }

@@ -5,7 +5,7 @@ mod depth;
 use crate::commands::capture::deep::{self as capture_deep, is_deep_picture};
 use crate::commands::images::depth::{DepthArgs, Outcome};
 use crate::image_set::SetArgs;
-use crate::output::print_json;
+use crate::output::{print_json, print_warnings};
 use crate::progress::Bar;
 use anyhow::bail;
 use clap::Args;
@@ -90,9 +90,7 @@ impl SetJob {
             Self::Depth(job) => job.run(set, &self.views(set), bar),
             Self::Photographs(job) => {
                 let views = self.views(set);
-                if let Some(warning) = job.left_out(&views) {
-                    eprintln!("warning: {warning}");
-                }
+                print_warnings(job.left_out(&views));
                 job.run(set, &views, bar)
             }
         }
@@ -173,9 +171,7 @@ impl ImagesCommand {
             check(&set, self.pairs, &mut |_| bar.advance(1))?
         };
         bar.finish();
-        for warning in &report.warnings {
-            eprintln!("warning: {warning}");
-        }
+        print_warnings(&report.warnings);
         if self.json {
             self.print_json(&set, &report, found.as_ref());
         } else {

@@ -2,7 +2,7 @@
 
 use crate::args::refuse_given;
 use crate::commands::lumigraph::LumigraphCommand;
-use crate::output::{LUMIGRAPH, Outputs};
+use crate::output::{LUMIGRAPH, Outputs, print_warnings};
 use crate::progress::Bar;
 use headbox_lumigraph::{FromImages, RawLumigraph, Slabs};
 use std::path::Path;
@@ -24,7 +24,7 @@ impl LumigraphCommand {
         }
         let bar = Bar::new();
         let FromImages { raw, notes } = RawLumigraph::from_images(&set, &bar)?;
-        notes.iter().for_each(|note| eprintln!("warning: {note}"));
+        print_warnings(notes);
         bar.finish();
         let mut lumigraph = self.layered(&raw)?;
         (lumigraph.info.source, lumigraph.info.frame) = (self.scene.clone(), set.frame);

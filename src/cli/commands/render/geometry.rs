@@ -2,6 +2,7 @@
 
 use crate::commands::images::views_with_depth;
 use crate::image_set::SetArgs;
+use crate::output::print_notes;
 use crate::progress::Bar;
 use clap::Args;
 use glam::DVec3;
@@ -105,10 +106,7 @@ pub(crate) fn open_geometry(
         &bar,
     )?;
     bar.finish();
-    geometry
-        .notes()
-        .iter()
-        .for_each(|note| eprintln!("note: {note}"));
+    print_notes(geometry.notes());
     Ok((geometry, set.central_view().and_then(|view| view.camera())))
 }
 

@@ -1,7 +1,7 @@
 //! `headbox report` of an image set: held-out views, rendered from the others.
 
 use crate::commands::render::geometry::GeometryArgs;
-use crate::output::{save_picture, write_text};
+use crate::output::{print_warnings, save_picture, write_text};
 use crate::progress::Bar;
 use headbox_images::ImageSet;
 use headbox_lab::images::{self, Geometry, SideBySide};
@@ -92,9 +92,7 @@ pub(super) fn write(
     } else {
         let mut save = |name: &str, pictures: &[&RgbImage]| sheets.save(name, pictures, 4);
         let job = PhotographsJob::suggest(set);
-        if let Some(warning) = job.left_out(&set.views.iter().collect::<Vec<_>>()) {
-            eprintln!("warning: {warning}");
-        }
+        print_warnings(job.left_out(&set.views.iter().collect::<Vec<_>>()));
         let report = photographs::measure(set, &job, hold_out, &bar, &mut save)?;
         (serde_json::to_string_pretty(&report)?, report.summary())
     };
