@@ -95,28 +95,39 @@ impl OutputKind {
     }
 
     fn check_extension(&self, path: &Path) -> Result<(), UsageError> {
-        let ending = path.extension().unwrap_or_default();
         if self
             .allowed
             .iter()
-            .any(|allowed| ending.eq_ignore_ascii_case(allowed))
+            .any(|ending| has_extension(path, ending))
         {
             return Ok(());
         }
-        let allowed: Vec<String> = self
-            .allowed
-            .iter()
-            .map(|allowed| format!(".{allowed}"))
-            .collect();
-        let (path, what) = (path.display(), self.what);
-        Err(UsageError(match allowed.as_slice() {
-            [only] => format!("{path}: the ending of {what} is {only}"),
-            _ => format!(
-                "{path}: the ending of {what} is one of {}, and decides the format",
-                allowed.join(", ")
-            ),
+        let (path, what, endings) = (path.display(), self.what, self.list());
+        Err(UsageError(if self.allowed.len() == 1 {
+            format!("{path}: the ending of {what} is {endings}")
+        } else {
+            format!("{path}: the ending of {what} is one of {endings}, and decides the format")
         }))
     }
+
+    /// Lists the extensions for messages: `.a, .b`.
+    fn list(&self) -> String {
+        let endings = self.allowed.iter().map(|ending| format!(".{ending}"));
+        endings.collect::<Vec<_>>().join(", ")
+    }
+}
+
+/// Returns true if a file has an extension, in any case.
+pub(super) fn has_extension(path: &Path, extension: &str) -> bool {
+    path.extension()
+        .is_some_and(|ending| ending.eq_ignore_ascii_case(extension))
+}
+
+/// Folder of a file, "." for a bare name.
+pub(super) fn parent_folder(path: &Path) -> &Path {
+    path.parent()
+        .filter(|folder| !folder.as_os_str().is_empty())
+        .unwrap_or(Path::new("."))
 }
 
 /// Files and folders that a command will write, checked before any work is done. Files are written
@@ -128,10 +139,7 @@ pub(super) struct Outputs {
 
 /// Canonical path of a file that may not exist yet.
 fn canonical_path(path: &Path) -> PathBuf {
-    let folder = path
-        .parent()
-        .filter(|folder| !folder.as_os_str().is_empty())
-        .unwrap_or(Path::new("."));
+    let folder = parent_folder(path);
     let in_folder = || Some(folder.canonicalize().ok()?.join(path.file_name()?));
     path.canonicalize()
         .ok()
@@ -200,15 +208,9 @@ impl Outputs {
             "avi", "mov", "mkv", "m4v", "wmv", "flv", "mpg", "mpeg", "ogv", "avif", "exr", "hdr",
             "svg", "jxl",
         ];
-        let ending = path.extension().unwrap_or_default();
         let mut known = PICTURE.allowed.iter().chain(&UNSUPPORTED);
-        if !path.is_dir() && known.any(|known| ending.eq_ignore_ascii_case(known)) {
-            let films: Vec<String> = FILM
-                .allowed
-                .iter()
-                .map(|ending| format!(".{ending}"))
-                .collect();
-            let (path, films) = (path.display(), films.join(", "));
+        if !path.is_dir() && known.any(|known| has_extension(path, known)) {
+            let (path, films) = (path.display(), FILM.list());
             bail_usage!(
                 "{path}: the ending of a film is one of {films}; for a picture of each pose, name a folder"
             );

@@ -8,7 +8,7 @@ use crate::commands::render::geometry::{
 };
 use crate::image_set::SetArgs;
 use crate::messages::UsageError;
-use crate::output::{Outputs, WINDOW, output_name, print_json};
+use crate::output::{Outputs, WINDOW, output_name, parent_folder, print_json};
 use crate::progress::Bar;
 use anyhow::Context;
 use clap::Args;
@@ -315,10 +315,7 @@ fn recent_file() -> Option<PathBuf> {
 
 /// Opens the window on a file, and returns when the window is closed.
 pub(super) fn show(file: &Path) -> anyhow::Result<()> {
-    let folder = file
-        .parent()
-        .filter(|folder| !folder.as_os_str().is_empty())
-        .unwrap_or(Path::new("."));
+    let folder = parent_folder(file);
     let source = open(&file.to_string_lossy(), folder)?;
     let library = Some(Box::new(SceneLibrary {
         output_dir: folder.into(),

@@ -1,7 +1,7 @@
 //! `headbox capture F.exr`: cube LDIs from deep images of film renderers; description of deep
 //! images.
 
-use crate::output::{CUBE, Outputs, peak_rss_mb, print_json};
+use crate::output::{CUBE, Outputs, has_extension, peak_rss_mb, print_json};
 use crate::packing::{PackingArgs, describe_cube};
 use anyhow::{Context, bail};
 use headbox_images::deep_exr::{DeepImage, DeepView};
@@ -12,10 +12,7 @@ use std::time::Instant;
 
 /// Returns true if a scene's name is the path of a deep image.
 pub(crate) fn is_deep_picture(name: &str) -> bool {
-    !name.starts_with("builtin:")
-        && Path::new(name)
-            .extension()
-            .is_some_and(|ending| ending.eq_ignore_ascii_case("exr"))
+    !name.starts_with("builtin:") && has_extension(Path::new(name), "exr")
 }
 
 /// Reads a deep image and writes its cube. Positions and lengths are metres, Y up.

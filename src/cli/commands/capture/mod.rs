@@ -21,7 +21,10 @@ use super::images::is_image_set;
 use crate::args::{SceneArgs, parse_length, parse_vector, refuse_given};
 use crate::image_set::SetArgs;
 use crate::messages::UsageError;
-use crate::output::{CUBE, Outputs, SHARD, memory_bytes, output_name, peak_rss_mb, print_json};
+use crate::output::{
+    CUBE, Outputs, SHARD, has_extension, memory_bytes, output_name, parent_folder, peak_rss_mb,
+    print_json,
+};
 use crate::packing::PackingArgs;
 use crate::progress::Bar;
 use anyhow::{Context, bail};
@@ -153,12 +156,9 @@ pub(super) fn spill_budget(memory_mb: Option<u64>, output: &Path) -> Option<(u64
 /// The folder of the output, where there is room for a file of its size; the folder for temporary
 /// files if the output is streamed or its folder does not exist yet.
 fn spill_folder(output: &Path) -> PathBuf {
-    let parent = match output.parent() {
-        Some(parent) if !parent.as_os_str().is_empty() => parent.to_path_buf(),
-        _ => PathBuf::from("."),
-    };
-    if parent.is_dir() && !files::is_stream(output).unwrap_or(true) {
-        parent
+    let folder = parent_folder(output);
+    if folder.is_dir() && !files::is_stream(output).unwrap_or(true) {
+        folder.to_path_buf()
     } else {
         std::env::temp_dir()
     }
@@ -279,11 +279,7 @@ impl CaptureCommand {
 
     /// Checks that the output can be written.
     fn check_output(&self, scene_name: &str) -> anyhow::Result<Outputs> {
-        let is_shard = self
-            .output
-            .extension()
-            .is_some_and(|ending| ending.eq_ignore_ascii_case("shard"));
-        if self.shard.is_none() && is_shard {
+        if self.shard.is_none() && has_extension(&self.output, "shard") {
             bail_usage!(
                 "{}: a .shard is a part of a capture; specify the part, such as --shard 1/2",
                 self.output.display()

@@ -1,14 +1,13 @@
 //! Linear radiance as OpenEXR pictures.
 
-use crate::output::cannot_write;
+use crate::output::{cannot_write, has_extension};
 use exr::prelude::{Image, SpecificChannels, WritableImage};
 use headbox_core::files::write_whole;
 use std::path::Path;
 
 /// Returns true if a file name requests radiance instead of levels.
 pub(crate) fn is_radiance(path: &Path) -> bool {
-    path.extension()
-        .is_some_and(|ending| ending.eq_ignore_ascii_case("exr"))
+    has_extension(path, "exr")
 }
 
 /// Writes linear radiance, row by row from the top, as an OpenEXR picture.

@@ -8,7 +8,7 @@ use crate::args::{
     CameraArgs, DefaultCamera, Names, SourceArgs, by_name, parse_length, refuse_given,
 };
 use crate::commands::sprite::sequence::SequenceArgs;
-use crate::output::{Outputs, SPRITES, peak_rss_mb, print_json, write_text};
+use crate::output::{Outputs, SPRITES, has_extension, peak_rss_mb, print_json, write_text};
 use crate::progress::Bar;
 use anyhow::{Context, bail};
 use clap::Args;
@@ -201,11 +201,7 @@ impl SpriteCommand {
         self.sequence.refuse_without_set()?;
         match (&self.scene, &self.import.color) {
             (_, Some(color)) => self.import(color),
-            (Some(file), None)
-                if Path::new(file)
-                    .extension()
-                    .is_some_and(|e| e.eq_ignore_ascii_case("sprite")) =>
-            {
+            (Some(file), None) if has_extension(Path::new(file), "sprite") => {
                 if self.range.is_some() {
                     bail_usage!("--range needs a scene: a .sprite file has no truth");
                 }
@@ -354,11 +350,8 @@ impl SpriteCommand {
 impl ImportArgs {
     /// Metres per unit of stored depth.
     fn unit(&self, path: &Path, kind: DepthKind) -> f32 {
-        let is_exr = path
-            .extension()
-            .is_some_and(|extension| extension.eq_ignore_ascii_case("exr"));
         let default = match kind {
-            _ if is_exr => 1.0,
+            _ if has_extension(path, "exr") => 1.0,
             // The maximum of an integer depth is 1, for any number of bits.
             DepthKind::WindowDepth | DepthKind::ReversedWindowDepth => {
                 match image_file::bits_per_channel(path) {

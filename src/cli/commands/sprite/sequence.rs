@@ -3,6 +3,7 @@
 use crate::commands::report::images::{SheetWriter, write_report};
 use crate::image_set::SetArgs;
 use crate::messages::UsageError;
+use crate::output::has_extension;
 use crate::progress::Bar;
 use anyhow::{Context, bail};
 use clap::Args;
@@ -106,10 +107,7 @@ fn read_masks(folder: &Path) -> anyhow::Result<Vec<Mask>> {
     let mut paths: Vec<PathBuf> = entries
         .filter_map(|entry| Some(entry.ok()?.path()))
         .collect();
-    paths.retain(|path| {
-        path.extension()
-            .is_some_and(|extension| extension.eq_ignore_ascii_case("png"))
-    });
+    paths.retain(|path| has_extension(path, "png"));
     paths.sort();
     if paths.is_empty() {
         bail!(
