@@ -269,7 +269,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn times_read_like_times() {
+    fn durations_are_formatted() {
         let cases = [
             (0.04, "0.0 s"),
             (9.94, "9.9 s"),

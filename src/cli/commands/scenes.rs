@@ -75,7 +75,7 @@ mod tests {
     }
 
     #[test]
-    fn exported_scenes_show_the_same() {
+    fn exported_scenes_look_the_same() {
         let folder = tempfile::tempdir().expect("a folder");
         for name in ["bump", "interior", "poles"] {
             let built = SceneSource::new(format!("builtin:{name}"))

@@ -212,7 +212,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn walls_are_read_and_others_refused() {
+    fn camera_walls_parse_or_are_refused() {
         assert_eq!(parse_wall("9x1"), Ok((9, 1)));
         for bad in [
             "",

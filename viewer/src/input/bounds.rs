@@ -118,7 +118,7 @@ mod tests {
     }
 
     #[test]
-    fn the_way_back_is_never_slowed() {
+    fn moving_inward_is_not_slowed() {
         let at_wall = BOUNDS.centre + dvec3(0.499, 0.0, 0.0);
         assert!(
             (BOUNDS.soft_move(at_wall, dvec3(-0.1, 0.0, 0.0)).x - (at_wall.x - 0.1)).abs()
@@ -127,7 +127,7 @@ mod tests {
     }
 
     #[test]
-    fn from_outside_only_inward() {
+    fn eye_outside_moves_only_inward() {
         let outside = BOUNDS.centre + dvec3(2.0, 0.0, 0.0);
         assert_eq!(BOUNDS.soft_move(outside, dvec3(0.5, 0.0, 0.0)), outside);
         assert_eq!(
@@ -137,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn a_box_without_extent_holds_the_eye() {
+    fn empty_box_fixes_eye() {
         let point = EyeBounds {
             centre: DVec3::ZERO,
             half_size: DVec3::ZERO,

@@ -220,7 +220,7 @@ mod tests {
     }
 
     #[test]
-    fn the_way_does_not_depend_on_the_frame_rate() {
+    fn distance_does_not_depend_on_frame_rate() {
         // Walking straight ahead has a closed solution, so the only difference is rounding.
         let steering = held(dvec3(1.0, 0.0, 1.0));
         let [slow, fast] = [10, 240].map(|fps| {
@@ -233,7 +233,7 @@ mod tests {
     }
 
     #[test]
-    fn diagonals_are_no_faster_and_the_lag_costs_its_time_constant() {
+    fn diagonals_are_no_faster_and_lag_delays_by_time_constant() {
         let straight = simulate(
             &held(dvec3(0.0, 0.0, 1.0)),
             &handling(Navigation::Fly),
@@ -322,13 +322,13 @@ mod tests {
     }
 
     #[test]
-    fn an_orbit_has_an_inner_edge() {
+    fn orbit_has_minimum_radius() {
         let (pose, _) = simulate(&held(DVec3::Z), &handling(ORBIT), 5.0, 30);
         assert!((pose.eye.distance(PIVOT) - 1.0).abs() < 1e-9);
     }
 
     #[test]
-    fn bounds_hold_the_eye() {
+    fn eye_stays_in_bounds() {
         let bounds = EyeBounds {
             centre: DVec3::ZERO,
             half_size: DVec3::splat(0.25),

@@ -167,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn another_up_is_kept_while_one_turns() {
+    fn other_up_direction_is_kept_while_turning() {
         let eye = dvec3(0.3, -0.2, 0.9);
         for up in [
             DVec3::X,

@@ -175,7 +175,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn lists_folders_and_fitting_files() {
+    fn lists_folders_and_matching_files() {
         let dir = tempfile::tempdir().unwrap();
         for name in ["b.ldi", "a.LDI", "c.png", ".hidden.ldi", "noextension"] {
             std::fs::write(dir.path().join(name), "").unwrap();

@@ -122,7 +122,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn no_rate_is_told_at_rest() {
+    fn no_rate_is_shown_at_rest() {
         let mut history = History::default();
         assert_eq!(rate(&history), "latency 0 ms");
         for i in 0..20 {
@@ -140,7 +140,7 @@ mod tests {
     }
 
     #[test]
-    fn figures_are_readable() {
+    fn figures_have_three_or_four_digits() {
         let show = |v, unit| {
             value(&Figure {
                 name: "x",

@@ -64,7 +64,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn it_says_what_is_done_and_what_is_left() {
+    fn progress_and_remaining_time_are_described() {
         let ongoing = |share, left_s: Option<f64>| Ongoing {
             what: "light".into(),
             share,

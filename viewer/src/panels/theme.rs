@@ -102,14 +102,14 @@ mod tests {
     }
 
     #[test]
-    fn contrast_is_that_of_the_standard() {
+    fn contrast_equals_wcag() {
         assert!((contrast(Color32::WHITE, Color32::BLACK) - 21.0).abs() < 1e-9);
         assert!((contrast(Color32::from_gray(118), Color32::WHITE) - 4.54).abs() < 0.01);
     }
 
     /// Minimum contrast of text: 4.5:1 by WCAG 2.1 AA.
     #[test]
-    fn all_text_stands_out_from_what_is_behind_it() {
+    fn text_contrast_is_sufficient() {
         let ctx = Context::default();
         install(&ctx);
         let style: std::sync::Arc<Style> = ctx.style_of(Theme::Dark);

@@ -93,7 +93,7 @@ mod tests {
     }
 
     #[test]
-    fn paths_survive_the_file() {
+    fn paths_round_trip() {
         let poses = (0..5).map(|i| TimedPose {
             time_s: f64::from(i),
             pose: pose().turned(0.1 * f64::from(i), 0.0),

@@ -87,7 +87,7 @@ mod tests {
     }
 
     #[test]
-    fn names_count_up() {
+    fn file_names_are_numbered() {
         let dir = tempfile::tempdir().unwrap();
         let first = free_name(dir.path(), "frame", "png");
         assert!(first.ends_with("frame-0001.png"));

@@ -62,7 +62,7 @@ impl CameraPath {
     /// Position, heading, tilt and field of view follow monotone cubics (Fritsch and Carlson 1980):
     /// smooth, and never outside the range of the two neighbouring poses, so that a path inside a
     /// box stays inside. Headings turn the short way.
-    pub fn at(&self, time_s: f64) -> Pose {
+    pub fn pose_at(&self, time_s: f64) -> Pose {
         let poses = &self.0;
         let time = poses[0].time_s + time_s;
         let after = poses.partition_point(|p| p.time_s <= time);
@@ -198,17 +198,17 @@ mod tests {
     fn passes_through_its_poses_and_holds_the_ends() {
         let path = path(&[(0.0, 1.0, 0.0), (0.5, 2.0, 0.3), (2.0, -1.0, 0.1)]);
         for knot in path.poses() {
-            let at = path.at(knot.time_s);
+            let at = path.pose_at(knot.time_s);
             assert!(at.eye.distance(knot.pose.eye) < CUBIC_TOLERANCE);
             assert!((at.yaw_rad - knot.pose.yaw_rad).abs() < CUBIC_TOLERANCE);
         }
-        assert_eq!(path.at(-1.0), path.poses()[0].pose);
-        assert_eq!(path.at(9.0), path.poses()[2].pose);
+        assert_eq!(path.pose_at(-1.0), path.poses()[0].pose);
+        assert_eq!(path.pose_at(9.0), path.poses()[2].pose);
         assert_eq!(path.duration_s(), 2.0);
     }
 
     #[test]
-    fn never_leaves_the_range_of_the_poses_around() {
+    fn path_stays_in_range_of_neighbouring_poses() {
         let path = path(&[
             (0.0, 0.0, 0.0),
             (1.0, 0.0, 0.0),
@@ -217,7 +217,7 @@ mod tests {
             (3.2, 0.4, 0.0),
         ]);
         for i in 0..=3200 {
-            let x = path.at(f64::from(i) / 1000.0).eye.x;
+            let x = path.pose_at(f64::from(i) / 1000.0).eye.x;
             assert!(
                 (-CUBIC_TOLERANCE..=1.0 + CUBIC_TOLERANCE).contains(&x),
                 "{i} ms: {x}"
@@ -226,7 +226,7 @@ mod tests {
     }
 
     #[test]
-    fn even_motion_stays_even() {
+    fn uniform_motion_stays_uniform() {
         let path = path(&[
             (0.0, 0.0, 0.0),
             (1.0, 1.0, 0.0),
@@ -235,14 +235,14 @@ mod tests {
         ]);
         for i in 0..=30 {
             let t = f64::from(i) / 10.0;
-            assert!((path.at(t).eye.x - t).abs() < CUBIC_TOLERANCE, "{t}");
+            assert!((path.pose_at(t).eye.x - t).abs() < CUBIC_TOLERANCE, "{t}");
         }
     }
 
     #[test]
     fn headings_take_the_short_way() {
         let path = path(&[(0.0, 0.0, 3.1), (1.0, 0.0, -3.1)]);
-        let middle = path.at(0.5).yaw_rad;
+        let middle = path.pose_at(0.5).yaw_rad;
         assert!(
             (short_way(middle).abs() - std::f64::consts::PI).abs() < 1e-9,
             "{middle}"
@@ -268,7 +268,7 @@ mod tests {
     }
 
     #[test]
-    fn a_recording_replays_what_was_seen() {
+    fn recording_replays_recorded_poses() {
         let seen = |t: f64| pose((t * 1.3).sin(), 0.5 * t);
         let mut recorder = Recorder::default();
         for i in 0..300 {
@@ -282,12 +282,12 @@ mod tests {
         let path = recorder.finish().unwrap();
         for i in 0..320 {
             let t = f64::from(i) / 100.0;
-            assert!(path.at(t).eye.distance(seen(t).eye) < 1e-3, "{t}");
+            assert!(path.pose_at(t).eye.distance(seen(t).eye) < 1e-3, "{t}");
         }
     }
 
     #[test]
-    fn standing_still_is_recorded_as_a_wait() {
+    fn rest_is_recorded_by_two_poses() {
         let mut recorder = Recorder::default();
         for i in 0..=100 {
             recorder.record(f64::from(i), pose(0.0, 0.0));
@@ -295,7 +295,7 @@ mod tests {
         recorder.record(101.0, pose(1.0, 0.0));
         assert_eq!(recorder.len(), 3);
         let path = recorder.finish().unwrap();
-        assert_eq!(path.at(99.0), pose(0.0, 0.0));
+        assert_eq!(path.pose_at(99.0), pose(0.0, 0.0));
         assert!(Recorder::default().finish().is_none());
     }
 }

@@ -124,14 +124,14 @@ impl PathRecorder {
             Playback::InTime { started_s } => {
                 let time_s = now_s - started_s;
                 if time_s < path.duration_s() {
-                    return Replay::Show(path.at(time_s));
+                    return Replay::Show(path.pose_at(time_s));
                 }
                 if self.repeat && path.duration_s() > 0.0 {
                     self.playback = Some(Playback::InTime { started_s: now_s });
-                    return Replay::Show(path.at(0.0));
+                    return Replay::Show(path.pose_at(0.0));
                 }
                 self.playback = None;
-                Replay::Ended(path.at(path.duration_s()))
+                Replay::Ended(path.pose_at(path.duration_s()))
             }
             Playback::EveryPose { index } => match path.poses().get(index) {
                 Some(pose) => Replay::Show(pose.pose),
@@ -191,7 +191,7 @@ mod tests {
     }
 
     #[test]
-    fn in_time_follows_the_clock() {
+    fn replay_in_time_follows_clock() {
         let mut recorder = recorder(ReplayMode::InTime);
         assert_eq!(recorder.step(5.0), Replay::Idle);
         assert!(recorder.play(10.0));
@@ -244,7 +244,7 @@ mod tests {
         assert!(!recorder.stop_recording());
         assert_eq!(recorder.path.as_ref().unwrap().poses().len(), 3);
         recorder.record();
-        let pose = recorder.path.as_ref().unwrap().at(1.0);
+        let pose = recorder.path.as_ref().unwrap().pose_at(1.0);
         (0..10).for_each(|i| {
             recorder.record_pose(
                 f64::from(i),

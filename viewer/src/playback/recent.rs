@@ -64,7 +64,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_newest_comes_first_once_and_is_remembered() {
+    fn newest_file_is_first_and_stored() {
         let dir = tempfile::tempdir().unwrap();
         let dir_path = canonical(dir.path());
         let kept = dir_path.join("state/recent.json");
@@ -87,7 +87,7 @@ mod tests {
         assert_eq!(RecentFiles::read(Some(kept)).paths().count(), 0);
     }
     #[test]
-    fn one_file_is_one_entry_by_whatever_name_it_is_opened() {
+    fn one_file_has_one_entry_for_all_its_names() {
         let dir = tempfile::tempdir().unwrap();
         let file = dir.path().join("room.ldi");
         std::fs::write(&file, "").unwrap();

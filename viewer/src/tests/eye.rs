@@ -24,7 +24,7 @@ fn keys_move_the_eye_and_home_brings_it_back() {
 }
 
 #[test]
-fn the_edge_of_the_headbox_holds_the_eye() {
+fn headbox_edge_stops_eye() {
     let mut window = room();
     window.key_down(Key::D);
     window.event(Event::ModifiersChanged(Modifiers::SHIFT));
@@ -85,7 +85,7 @@ fn an_orbiting_eye_keeps_looking_at_its_pivot() {
 }
 
 #[test]
-fn typing_does_not_walk() {
+fn typing_does_not_move_eye() {
     let mut window = room();
     click(&mut window, "Record");
     let start = window.state().eye.pose;
@@ -102,7 +102,7 @@ fn typing_does_not_walk() {
 }
 
 #[test]
-fn standing_still_asks_for_no_frames() {
+fn resting_eye_requests_no_frames() {
     let mut window = room();
     settle(&mut window);
     let jobs = window.state().jobs_issued;

@@ -63,7 +63,7 @@ fn the_frame_is_saved_as_it_is_shown() {
 }
 
 #[test]
-fn the_camera_is_saved_in_the_words_of_the_command_line() {
+fn camera_is_saved_as_command_line_arguments() {
     let dir = tempfile::tempdir().unwrap();
     let mut window = window_saving_to(dir.path());
     settle(&mut window);
@@ -87,7 +87,7 @@ fn the_camera_is_saved_in_the_words_of_the_command_line() {
 }
 
 #[test]
-fn a_file_that_cannot_be_written_is_a_message() {
+fn unwritable_file_is_reported() {
     let dir = tempfile::tempdir().unwrap();
     let file = dir.path().join("file");
     std::fs::write(&file, "").unwrap();
@@ -204,7 +204,7 @@ fn a_path_is_rendered_to_frames() {
 }
 
 #[test]
-fn a_damaged_path_is_a_message() {
+fn damaged_path_is_reported() {
     let dir = tempfile::tempdir().unwrap();
     let file = dir.path().join("bad.json");
     std::fs::write(&file, "[]").unwrap();

@@ -185,7 +185,7 @@ fn a_failing_source_leaves_the_last_frame_and_a_message() {
 }
 
 #[test]
-fn a_source_that_panics_is_a_message_too() {
+fn panic_of_source_is_reported() {
     struct Broken;
     impl FrameSource for Broken {
         fn title(&self) -> String {

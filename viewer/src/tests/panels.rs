@@ -197,7 +197,7 @@ fn in_a_narrow_window_the_panel_folds_away_and_lies_over_the_frame() {
 }
 
 #[test]
-fn there_is_a_way_back_to_the_start_page() {
+fn start_page_is_reachable_from_view() {
     let mut window = start_page();
     window.run_steps(3);
     click(&mut window, "Checker hall");

@@ -103,7 +103,7 @@ fn unknown_settings_are_reported() {
 }
 
 #[test]
-fn windows_without_purpose_or_end_are_refused() {
+fn window_without_source_or_path_is_refused() {
     assert!(matches!(
         crate::run(None, ViewerOptions::default()),
         Err(crate::ViewerError::NothingToShow)

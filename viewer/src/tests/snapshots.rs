@@ -184,7 +184,7 @@ fn keys_and_messages() {
 }
 
 #[test]
-fn a_window_of_next_to_no_size_is_laid_out() {
+fn tiny_window_is_laid_out() {
     let mut room = paint_room(Kind::Headbox, ViewerOptions::default());
     for size in [
         [1.0, 1.0],

@@ -123,7 +123,7 @@ mod tests {
     }
 
     #[test]
-    fn rate_and_median_of_an_even_rhythm() {
+    fn rate_and_median_of_regular_frames() {
         let mut history = History::default();
         assert_eq!(history.shown_per_s(), 0.0);
         assert_eq!(history.median(|f| f.render_ms), None);

@@ -95,12 +95,12 @@ mod tests {
     }
 
     #[test]
-    fn fast_frames_stay_whole() {
+    fn fast_frames_keep_full_resolution() {
         assert_eq!(settle(&mut ResolutionPolicy::default(), 50, |_| 10.0), 1.0);
     }
 
     #[test]
-    fn slow_frames_shrink_until_they_fit() {
+    fn slow_frames_lower_resolution_to_target() {
         // 40 ms at full size: 3/4 gives 22.5, 1/2 gives 10.
         assert_eq!(
             settle(&mut ResolutionPolicy::default(), 50, |scale| 40.0
@@ -117,12 +117,12 @@ mod tests {
     }
 
     #[test]
-    fn no_blur_where_it_saves_nothing() {
+    fn resolution_stays_if_nothing_is_saved() {
         assert_eq!(settle(&mut ResolutionPolicy::default(), 50, |_| 40.0), 1.0);
     }
 
     #[test]
-    fn grows_again_when_frames_get_cheaper() {
+    fn resolution_rises_for_faster_frames() {
         let mut policy = ResolutionPolicy::default();
         settle(&mut policy, 50, |scale| 40.0 * scale * scale);
         assert_eq!(settle(&mut policy, 200, |scale| 8.0 * scale * scale), 1.0);

@@ -170,7 +170,7 @@ mod tests {
     }
 
     #[test]
-    fn waiting_ends() {
+    fn wait_ends_at_timeout_or_request() {
         let inbox = Inbox::<(), ()>::default();
         assert_eq!(
             inbox.next(Wait::Until(
@@ -187,7 +187,7 @@ mod tests {
     }
 
     #[test]
-    fn closing_wakes_a_sleeper() {
+    fn closing_wakes_waiting_thread() {
         let inbox = Arc::new(Inbox::<(), ()>::default());
         let sleeper = std::thread::spawn({
             let inbox = Arc::clone(&inbox);

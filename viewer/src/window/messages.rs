@@ -81,7 +81,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn errors_stay_and_notes_go() {
+    fn errors_stay_and_notes_expire() {
         let mut messages = Messages::default();
         messages.add(Kind::Error, "broken", 0.0);
         messages.add(Kind::Done, "saved", 1.0);
@@ -97,7 +97,7 @@ mod tests {
     }
 
     #[test]
-    fn repeats_are_counted_and_floods_are_bounded() {
+    fn repeats_are_counted_and_messages_bounded() {
         let mut messages = Messages::default();
         (0..1000).for_each(|i| messages.add(Kind::Error, "no", f64::from(i)));
         assert_eq!(messages.iter().map(|m| m.count).collect::<Vec<_>>(), [1000]);

@@ -133,7 +133,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn models_say_where_they_stand() {
+    fn model_placement_is_parsed() {
         let of = |text: &str| PolygonsArg::parse(Path::new(text));
         let expected = PolygonsArg {
             name: "a@home/chair.obj".into(),

@@ -442,7 +442,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn scenes_may_be_placed_by_their_names() {
+    fn settings_follow_scene_names() {
         let named =
             parse_subject("a@home/house.obj@up=z@center=0,-1,1.5@half=0.4@unit=cm").unwrap();
         assert_eq!(
