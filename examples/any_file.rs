@@ -15,7 +15,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let folder = PathBuf::from(arguments.next().unwrap_or_else(|| ".".into()));
     std::fs::create_dir_all(&folder)?;
 
-    let representation = headbox_views::of_file(&file).ok_or("not a file of headbox")?;
+    let representation = headbox_views::find(&file).ok_or("not a file of headbox")?;
     let mut view = (representation.open)(&file)?;
     let (count, primitives) = view.primitives();
     println!("{}: {count} {primitives}", view.kind());
