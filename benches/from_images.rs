@@ -11,7 +11,7 @@ use headbox_core::camera::Camera;
 use headbox_core::progress::Silent;
 use headbox_images::traced_view;
 use headbox_images::{ImageSet, ImageSetOptions, SetWriter};
-use headbox_ldi::from_images::{ImagesJob, NearImages};
+use headbox_ldi::from_images::{ImageSetCapture, NearestImages};
 use headbox_trace::bvh::Tracer;
 use headbox_trace::light::Lighting;
 use std::path::{Path, PathBuf};
@@ -53,8 +53,8 @@ fn cubes(criterion: &mut Criterion) {
         .central_view()
         .and_then(|view| view.camera())
         .expect("pinholes");
-    let job = ImagesJob::suggest(&set);
-    let mut near = NearImages::new(set, job, usize::MAX).expect("loads");
+    let job = ImageSetCapture::suggest(&set);
+    let mut near = NearestImages::new(set, job, usize::MAX).expect("loads");
     let chosen = near.nearest(&middle, (WALL[0] * WALL[1]) as usize);
     let size = near.views()[chosen[0]].size_px;
     let mut group = criterion.benchmark_group("from_images");

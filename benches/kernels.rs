@@ -16,10 +16,10 @@ use headbox_cube::pack::CubeLdi;
 use headbox_cube::render::footprint::splat::SplatKernel;
 use headbox_cube::render::{FrameStats, RenderSettings, Renderer};
 use headbox_lab::embree::{Embree, PROGRAM};
-use headbox_lab::plan::{Plan, Quality, most_to_see};
+use headbox_lab::plan::{Plan, Quality, axis_with_most_geometry};
 use headbox_lab::stats::{mean, pooled_psnr_db};
 use headbox_lab::truths::Truths;
-use headbox_lab::turns::{in_turns, least};
+use headbox_lab::turns::{least, run_in_turns};
 use headbox_ldi::scene_source::SceneSource;
 use headbox_photos::cache;
 use headbox_trace::bvh::Tracer;
@@ -130,7 +130,7 @@ fn main() {
             .expect("its scene");
         let tracer = Arc::new(Tracer::new(Arc::new(scene), cube.info.centre));
         let lighting = Lighting::measure(&tracer, cube.info.parameters.bounces);
-        let ahead = most_to_see(&tracer, cube.info.centre);
+        let ahead = axis_with_most_geometry(&tracer, cube.info.centre);
         let plan =
             Plan::new(QUALITY, cube.info.centre, cube.info.half_size_m, ahead, 0).expect("a plan");
         let folder = cache::folder("truth")
@@ -170,7 +170,7 @@ fn rays(tracer: &Tracer, plan: &Plan) -> Option<f64> {
     let program = std::env::var_os(PROGRAM)?;
     let mut ways = [Embree::start(&program, tracer, 2).expect("the rival")];
     let of_eye = |eye: &headbox_lab::plan::Eye| {
-        let times = in_turns(&mut ways, ROUNDS, |_, embree| {
+        let times = run_in_turns(&mut ways, ROUNDS, |_, embree| {
             embree.trace(&eye.camera).ok().map(|frame| frame.ms)
         });
         least(&times[0])

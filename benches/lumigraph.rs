@@ -10,7 +10,7 @@ use headbox_core::camera::{Camera, focal_px};
 use headbox_core::headbox::Headbox;
 use headbox_core::progress::Silent;
 use headbox_core::statistics::median;
-use headbox_lab::turns::in_turns;
+use headbox_lab::turns::run_in_turns;
 use headbox_lumigraph::{
     CameraGrid, GridParts, Lumigraph, LumigraphCapture, LumigraphRenderer, LumigraphSettings,
     Placement, RawLumigraph, middle_disparity,
@@ -61,7 +61,7 @@ impl Wall {
 
     /// Captures `cameras` x `cameras` images across the headbox.
     fn raw(&self, cameras: usize) -> RawLumigraph {
-        let places = CameraGrid::evenly(cameras, 2.0 * self.headbox.half_size_m);
+        let places = CameraGrid::even_positions(cameras, 2.0 * self.headbox.half_size_m);
         let world_from_eye = CameraGrid::facing(DVec3::NEG_Z, DVec3::Y).expect("a direction");
         let mut parts = GridParts {
             origin: self.headbox.centre,
@@ -97,7 +97,7 @@ impl Wall {
 fn medians(drawn: &[(&Lumigraph, LumigraphSettings)], frames: &[Camera]) -> Vec<f64> {
     let mut renderers: Vec<LumigraphRenderer> =
         drawn.iter().map(|_| LumigraphRenderer::new()).collect();
-    let times = in_turns(&mut renderers, ROUNDS, |i, renderer| {
+    let times = run_in_turns(&mut renderers, ROUNDS, |i, renderer| {
         let (lumigraph, settings) = &drawn[i];
         let times = frames
             .iter()

@@ -9,7 +9,7 @@ use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_m
 use glam::{DMat3, DVec3, dvec3};
 use headbox_core::camera::Camera;
 use headbox_core::statistics::median;
-use headbox_lab::turns::{in_turns, time_ms};
+use headbox_lab::turns::{run_in_turns, time_ms};
 use headbox_sprite::{
     Displacement, DisplacementFormat, PreparedSprite, RenderOptions, Sprite, SpriteLayer,
     SpritePlane, SpriteRenderer, SpriteSampling, SpriteTransfer, SpriteVariant, SpriteWithDepth,
@@ -103,7 +103,7 @@ fn medians<const N: usize>(n: u32, mut options: [RenderOptions; N]) -> [f64; N] 
     const ROUNDS: u32 = 101;
     let (sprite, transfer) = (sprite(n), transfer(f64::from(n)));
     let (mut renderer, mut frame) = (SpriteRenderer::new(), SpriteLayer::new(n, n));
-    let times = in_turns(&mut options, ROUNDS, |_, options| {
+    let times = run_in_turns(&mut options, ROUNDS, |_, options| {
         Some(time_ms(|| {
             renderer.render_transfer(&sprite, &transfer, options, &mut frame);
         }))

@@ -9,7 +9,7 @@
 //! it, or with "-", a set of a built-in scene is rendered first.
 
 use headbox::{Camera, Capture, DVec3, GeometryRenderer, GeometryResources, ImageSet};
-use headbox::{ImageSetOptions, ImagesJob, RenderSettings, Renderer, Scene, ViewGeometry};
+use headbox::{ImageSetCapture, ImageSetOptions, RenderSettings, Renderer, Scene, ViewGeometry};
 use headbox_core::progress::Silent;
 use headbox_cube::pack::{SplatIndexLayout, Split};
 use headbox_cube::planes::{self, DEFAULT_ERROR_PX};
@@ -42,7 +42,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let camera = Camera::look_at(eye, target, up, view_camera.fov_y_deg(), SIZE)?;
 
     // All images in one cube LDI: a fixed size, and one colour for each surface.
-    let samples = ImagesJob::suggest(&set).run(&set, &views, &Silent)?;
+    let samples = ImageSetCapture::suggest(&set).run(&set, &views, &Silent)?;
     let ldi = planes::pack(
         samples,
         SplatIndexLayout::Normal,

@@ -34,8 +34,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut parts = GridParts {
         origin: headbox.centre,
         world_from_eye: CameraGrid::facing(ahead, DVec3::Y).ok_or("the view has no direction")?,
-        columns: CameraGrid::evenly(4, extent_m),
-        rows: CameraGrid::evenly(4, extent_m),
+        columns: CameraGrid::even_positions(4, extent_m),
+        rows: CameraGrid::even_positions(4, extent_m),
         focal_px: f64::from(SIZE[1]),
         size_px: SIZE,
         convergence: 0.0,

@@ -24,7 +24,7 @@
 //!   sprites and cube LDIs in one frame.
 //! * Houses of cells and portals: a [`Walker`] draws a [`House`], with [`Backdrops`] behind its
 //!   portals.
-//! * Image sets with depth: an [`ImageSet`] becomes one cube LDI ([`ImagesJob`]), or
+//! * Image sets with depth: an [`ImageSet`] becomes one cube LDI ([`ImageSetCapture`]), or
 //!   [`ViewGeometry`], which a [`GeometryRenderer`] draws from the images themselves.
 //! * Lumigraphs: a [`LumigraphCapture`] traces a grid of images, which a [`LumigraphRenderer`] draws
 //!   as a [`Lumigraph`] of layers.
@@ -62,7 +62,7 @@ pub use headbox_house::store::Store as Backdrops;
 pub use headbox_house::walk::Walker;
 pub use headbox_house::walk_path::WalkPath;
 pub use headbox_images::{ImageSet, ImageSetOptions};
-pub use headbox_ldi::from_images::ImagesJob;
+pub use headbox_ldi::from_images::ImageSetCapture;
 pub use headbox_lumigraph::{
     CameraGrid, GridParts, Lumigraph, LumigraphCapture, LumigraphRenderer,
 };

@@ -56,7 +56,7 @@ pub enum AlignError {
     Exists(PathBuf),
     /// Fewer than three photographs.
     #[error("{}: {count} photographs, but at least three are needed ({})", folder.display(), EXTENSIONS.join(", "))]
-    FewPictures {
+    TooFewPhotographs {
         /// The folder.
         folder: PathBuf,
         /// Number of photographs.
@@ -107,7 +107,7 @@ pub fn align(folder: &Path, progress: &mut AlignProgress<'_>) -> Result<Alignmen
     let files = list_photographs(&images).map_err(io(&images))?;
     let photographs = files.len();
     if photographs < 3 {
-        return Err(AlignError::FewPictures {
+        return Err(AlignError::TooFewPhotographs {
             folder: images,
             count: photographs,
         });
@@ -376,7 +376,7 @@ mod tests {
         let silent = &mut |_, _, _| ();
         let error = align(folder.path(), silent).unwrap_err();
         assert!(
-            matches!(error, AlignError::FewPictures { count: 0, .. }),
+            matches!(error, AlignError::TooFewPhotographs { count: 0, .. }),
             "{error}"
         );
         fs::create_dir(folder.path().join("sparse")).unwrap();

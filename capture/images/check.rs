@@ -1,6 +1,6 @@
 //! Consistency check of the views of a set.
 
-use super::view::{FARTHEST_M, LoadedView, View};
+use super::view::{LoadedView, MAX_DEPTH_M, View};
 use super::{ImageSet, ImagesError};
 use crate::readers::text;
 use headbox_core::statistics::median;
@@ -183,7 +183,7 @@ fn add_depths(view: &LoadedView, depths: &mut Vec<f64>, known: &mut u64, pixels:
         if let Some(depth) = view.depth_at(x, y) {
             *known += 1;
             // Background depth is independent of the unit.
-            depths.extend((depth < FARTHEST_M).then_some(f64::from(depth)));
+            depths.extend((depth < MAX_DEPTH_M).then_some(f64::from(depth)));
         }
     });
 }

@@ -50,7 +50,7 @@ pub use lens::{Distortion, Lens, Pinhole};
 pub use pose::Pose;
 pub use refine::{RefinementReport, RefinementStep};
 pub use register::{Registration, RegistrationModel, RegistrationReport, RegistrationStep};
-pub use view::{FARTHEST_M, LoadedView, View};
+pub use view::{LoadedView, MAX_DEPTH_M, View};
 
 use glam::{DMat3, DVec3};
 use headbox_core::file_frame::FileFrame;

@@ -13,7 +13,7 @@ use std::path::PathBuf;
 
 /// Depth assigned to infinitely far points, metres: moving by one metre shifts them by a hundredth
 /// of a pixel at a thousand pixels a radian.
-pub const FARTHEST_M: f32 = 1e5;
+pub const MAX_DEPTH_M: f32 = 1e5;
 
 /// One image of a set: its camera in memory, its pixels on disk.
 #[derive(Clone, Debug, PartialEq)]
@@ -227,12 +227,12 @@ impl View {
 
 impl LoadedView {
     /// Returns a pixel's depth if it is known and the pixel is not masked out. Infinite depth is
-    /// clamped to [`FARTHEST_M`], so that the background is a surface like others, with its colour.
+    /// clamped to [`MAX_DEPTH_M`], so that the background is a surface like others, with its colour.
     #[inline]
     pub fn depth_at(&self, x: u32, y: u32) -> Option<f32> {
         let i = y as usize * self.size_px[0] as usize + x as usize;
         let depth = *self.depth.get(i)?;
-        (depth > 0.0 && self.color[i][3] > 0).then_some(depth.min(FARTHEST_M))
+        (depth > 0.0 && self.color[i][3] > 0).then_some(depth.min(MAX_DEPTH_M))
     }
 
     /// Returns the world point of a pixel with known depth.

@@ -1,7 +1,7 @@
 //! The capture of a scene, from rays to cube LDI.
 
 use crate::merge::finish;
-use crate::rays::trace::{self, Tracing};
+use crate::rays::trace::{self, TracedRays};
 use crate::refine;
 use crate::spec::{CaptureSpec, RunOptions};
 use headbox_cube::model::info::CaptureInfo;
@@ -71,7 +71,7 @@ impl<'a> SceneCapture<'a> {
     ///
     /// # Errors
     /// If accumulators cannot be spilled, or if the capture was cancelled.
-    pub fn trace(&self) -> io::Result<Tracing> {
+    pub fn trace(&self) -> io::Result<TracedRays> {
         trace::trace(self)
     }
 
@@ -79,7 +79,7 @@ impl<'a> SceneCapture<'a> {
     ///
     /// # Errors
     /// If spilled accumulators cannot be read, or if the capture was cancelled.
-    pub fn fill_holes(&self, tracing: &mut Tracing) -> io::Result<()> {
+    pub fn fill_holes(&self, tracing: &mut TracedRays) -> io::Result<()> {
         refine::fill_holes(self, tracing)
     }
 
@@ -87,7 +87,7 @@ impl<'a> SceneCapture<'a> {
     ///
     /// # Errors
     /// If spilled accumulators cannot be read, or if the capture was cancelled.
-    pub fn light_and_merge(&self, tracing: &Tracing) -> io::Result<CubeSamples> {
+    pub fn light_and_merge(&self, tracing: &TracedRays) -> io::Result<CubeSamples> {
         finish::light_and_merge(self, tracing)
     }
 

@@ -1,6 +1,6 @@
 //! Scenes by name: a path, or `builtin:NAME`.
 
-pub use headbox_core::light_parameters::{LightParameters, SunPlace};
+pub use headbox_core::light_parameters::{LightParameters, SunPosition};
 
 use headbox_core::file_frame::FileFrame;
 use headbox_model::load::load_scene;
@@ -27,7 +27,7 @@ pub struct SceneSource {
 pub enum SceneSourceError {
     /// There is no built-in scene of this name.
     #[error("there is no built-in scene \"{name}\"{tip}; the built-in scenes are: {known}")]
-    NoSuchBuiltin {
+    UnknownBuiltin {
         /// The requested name.
         name: String,
         /// A suggestion of the most similar name, if one is similar.
@@ -37,7 +37,7 @@ pub enum SceneSourceError {
     },
     /// The name of a built-in scene without its prefix.
     #[error("{name}: there is no such file; did you mean builtin:{name}?")]
-    MeansBuiltin {
+    MissingPrefix {
         /// The requested name.
         name: String,
     },
@@ -81,7 +81,7 @@ impl SceneSource {
     pub fn open(&self) -> Result<Scene, SceneSourceError> {
         let mut scene = match self.name.strip_prefix("builtin:") {
             None if is_builtin(&self.name) && !Path::new(&self.name).exists() => {
-                return Err(SceneSourceError::MeansBuiltin {
+                return Err(SceneSourceError::MissingPrefix {
                     name: self.name.clone(),
                 });
             }
@@ -91,7 +91,7 @@ impl SceneSource {
                     .iter()
                     .map(|scene| scene.name)
                     .collect();
-                SceneSourceError::NoSuchBuiltin {
+                SceneSourceError::UnknownBuiltin {
                     name: builtin.into(),
                     tip: tip(builtin),
                     known: known.join(", "),

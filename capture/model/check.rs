@@ -73,7 +73,7 @@ pub enum Finding {
     #[error(
         "portal {portal} ({name}) runs clockwise seen from its first cell; its corners are reversed"
     )]
-    WrongWay {
+    Clockwise {
         /// Index of the portal.
         portal: usize,
         /// Its name.
@@ -83,7 +83,7 @@ pub enum Finding {
     #[error(
         "portal {portal} ({name}) does not touch {cell}; it is kept, but what is seen through it may be wrong"
     )]
-    TouchesNot {
+    NotAdjacent {
         /// Index of the portal.
         portal: usize,
         /// Its name.
@@ -255,8 +255,8 @@ impl Finding {
             Self::MissingCell { portal, .. }
             | Self::SameCell { portal, .. }
             | Self::Shape { portal, .. }
-            | Self::WrongWay { portal, .. }
-            | Self::TouchesNot { portal, .. } => Some(*portal),
+            | Self::Clockwise { portal, .. }
+            | Self::NotAdjacent { portal, .. } => Some(*portal),
             _ => None,
         }
     }
@@ -318,7 +318,7 @@ impl PortalModel {
     ///
     /// Returns the findings of [`Self::check`] before the repair. Portal indices are those of the
     /// repaired model; removed portals are numbered after the last portal.
-    pub fn mend(&mut self) -> Vec<Finding> {
+    pub fn repair(&mut self) -> Vec<Finding> {
         let unusable: Vec<bool> = (self.portals.iter().enumerate())
             .map(|(index, portal)| {
                 self.check_portal(index, portal)
@@ -335,7 +335,7 @@ impl PortalModel {
             .collect();
         let findings = self.check();
         for finding in &findings {
-            if let Finding::WrongWay { portal, .. } = finding {
+            if let Finding::Clockwise { portal, .. } = finding {
                 self.portals[*portal].polygon.reverse();
             }
         }
@@ -369,7 +369,7 @@ impl PortalModel {
                 _ => continue,
             }
             let behind = self
-                .portals_of(cell)
+                .portals_from(cell)
                 .filter(|(portal, _)| usable[*portal])
                 .map(|(_, behind)| behind);
             open.extend(behind);
@@ -381,7 +381,7 @@ impl PortalModel {
     fn first_cell(&self, usable: &[bool]) -> Option<u32> {
         let count = self.cells.len() as u32;
         let with_portal =
-            (0..count).find(|&cell| self.portals_of(cell).any(|(portal, _)| usable[portal]));
+            (0..count).find(|&cell| self.portals_from(cell).any(|(portal, _)| usable[portal]));
         with_portal.or((count > 0).then_some(0))
     }
 
@@ -427,13 +427,13 @@ impl PortalModel {
             return None;
         }
         if touches(-1.0, it.cells[0]) && touches(1.0, it.cells[1]) {
-            return Some(Finding::WrongWay { portal, name });
+            return Some(Finding::Clockwise { portal, name });
         }
         let missed: Vec<&str> = (0..2)
             .filter(|&side| !touched[side])
             .map(|side| self.cells[it.cells[side] as usize].name.as_str())
             .collect();
-        Some(Finding::TouchesNot {
+        Some(Finding::NotAdjacent {
             portal,
             name,
             cell: missed.join(" or "),

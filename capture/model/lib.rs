@@ -135,7 +135,7 @@ impl PortalModel {
     }
 
     /// Returns the portals of a cell, as (index of the portal, the cell behind it).
-    pub fn portals_of(&self, cell: u32) -> impl Iterator<Item = (usize, u32)> + '_ {
+    pub fn portals_from(&self, cell: u32) -> impl Iterator<Item = (usize, u32)> + '_ {
         self.portals
             .iter()
             .enumerate()

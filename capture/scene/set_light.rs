@@ -42,7 +42,7 @@ impl Scene {
 mod tests {
     use super::*;
     use glam::{DVec3, Vec3};
-    use headbox_core::light_parameters::SunPlace;
+    use headbox_core::light_parameters::SunPosition;
 
     #[test]
     fn sun_keeps_colour_takes_strength() {
@@ -51,7 +51,7 @@ mod tests {
             ..Scene::default()
         };
         let asked = LightParameters {
-            sun: Some(SunPlace::Toward(DVec3::Y)),
+            sun: Some(SunPosition::Toward(DVec3::Y)),
             sun_strength: Some(6.0),
             ..Default::default()
         };
@@ -65,7 +65,7 @@ mod tests {
         );
         scene
             .set_light(&LightParameters {
-                sun: Some(SunPlace::Off),
+                sun: Some(SunPosition::Off),
                 ..asked
             })
             .expect("no file to read");

@@ -9,7 +9,7 @@ use glam::DVec3;
 use headbox_core::camera::Camera;
 use headbox_core::exposure::Exposure;
 use headbox_core::file_frame::{FileFrame, UpAxis};
-use headbox_core::light_parameters::{LightParameters, SunPlace};
+use headbox_core::light_parameters::{LightParameters, SunPosition};
 use headbox_core::view::View;
 use headbox_ldi::scene_source::SceneSource;
 use headbox_scene::load::LoadOptions;
@@ -157,7 +157,7 @@ pub(super) struct LightArgs {
     /// Sun: the direction toward it, X,Y,Z in the file's axes; or azimuth,elevation in degrees,
     /// from north to east and up from the horizon; or off
     #[arg(long, value_name = "X,Y,Z|AZ,EL|off", allow_hyphen_values = true)]
-    sun: Option<SunPlace>,
+    sun: Option<SunPosition>,
     /// Luminance of the sun's irradiance on what faces it, in the unit of the sky's radiance; the
     /// default sun brings 3
     #[arg(long, value_name = "E", value_parser = parse_strength)]

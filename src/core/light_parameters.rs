@@ -23,7 +23,7 @@ pub struct LightParameters {
     /// Sun: the direction toward it, X,Y,Z in the file's axes; or azimuth,elevation in degrees,
     /// from north to east and up from the horizon; or off.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub sun: Option<SunPlace>,
+    pub sun: Option<SunPosition>,
     /// Luminance of the sun's irradiance on surfaces that face it, in the unit of the sky's
     /// radiance; 3 for the default sun.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -44,7 +44,7 @@ fn is_default<T: Default + PartialEq>(value: &T) -> bool {
 /// Position of the sun, or none. Written as on the command line.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
-pub enum SunPlace {
+pub enum SunPosition {
     /// No sun.
     Off,
     /// Direction toward the sun, in the axes of the scene's file; any length but 0.
@@ -58,7 +58,7 @@ pub enum SunPlace {
     },
 }
 
-impl SunPlace {
+impl SunPosition {
     /// Returns the unit vector toward the sun, world axes; `None` if there is no sun.
     pub fn direction(self, frame: &FileFrame) -> Option<Vec3> {
         match self {
@@ -78,7 +78,7 @@ impl SunPlace {
     }
 }
 
-impl FromStr for SunPlace {
+impl FromStr for SunPosition {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
@@ -99,7 +99,7 @@ impl FromStr for SunPlace {
     }
 }
 
-impl fmt::Display for SunPlace {
+impl fmt::Display for SunPosition {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Off => f.write_str("off"),
@@ -109,7 +109,7 @@ impl fmt::Display for SunPlace {
     }
 }
 
-impl TryFrom<String> for SunPlace {
+impl TryFrom<String> for SunPosition {
     type Error = String;
 
     fn try_from(text: String) -> Result<Self, String> {
@@ -117,15 +117,15 @@ impl TryFrom<String> for SunPlace {
     }
 }
 
-impl From<SunPlace> for String {
-    fn from(place: SunPlace) -> Self {
+impl From<SunPosition> for String {
+    fn from(place: SunPosition) -> Self {
         place.to_string()
     }
 }
 
 impl LightParameters {
     /// Describes the specified light in a few words; `None` if nothing is specified.
-    pub fn in_words(&self) -> Option<String> {
+    pub fn describe(&self) -> Option<String> {
         let sky = self.sky.as_ref().map(|path| match self.sky_turn {
             0.0 => format!("sky {}", path.display()),
             turn => format!("sky {}, turned by {turn} degrees", path.display()),
@@ -145,7 +145,7 @@ mod tests {
     use crate::file_frame::UpAxis;
 
     fn direction(text: &str, up: UpAxis) -> Option<Vec3> {
-        let place: SunPlace = text.parse().expect("a place");
+        let place: SunPosition = text.parse().expect("a place");
         assert_eq!(place.to_string().parse(), Ok(place));
         place.direction(&FileFrame { up, unit_m: 0.01 })
     }
@@ -172,7 +172,7 @@ mod tests {
         for wrong in [
             "", "0,0,0", "nan,0", "10,91", "361,0", "1", "1,2,3,4", "inf,0,0", "on",
         ] {
-            assert!(wrong.parse::<SunPlace>().is_err(), "{wrong}");
+            assert!(wrong.parse::<SunPosition>().is_err(), "{wrong}");
         }
     }
 
@@ -196,7 +196,7 @@ mod tests {
             asked
         );
         assert_eq!(
-            asked.in_words().as_deref(),
+            asked.describe().as_deref(),
             Some("sky a.hdr, turned by 30 degrees, sun 12,34, sun's strength 2")
         );
     }

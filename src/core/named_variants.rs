@@ -19,6 +19,7 @@
 #[macro_export]
 macro_rules! named_variants {
     ($type:ident { $($variant:ident => $name:literal $(| $alias:literal)*),+ $(,)? }) => {
+        #[allow(dead_code, reason = "not every enum needs all of them")]
         impl $type {
             /// All variants, in the order in which they are listed for users.
             pub const ALL: [Self; [$($name),+].len()] = [$(Self::$variant),+];

@@ -3,9 +3,9 @@
 mod atlas;
 pub mod deep;
 pub mod film;
+pub mod from_sprites;
 pub mod glb;
 mod mesh;
-pub mod of_sprites;
 pub mod page;
 pub mod panorama;
 mod pieces;

@@ -30,7 +30,7 @@ pub struct Window {
 
 impl Window {
     /// Returns the window of a camera.
-    pub fn of_camera(camera: &Camera) -> Self {
+    pub fn from_camera(camera: &Camera) -> Self {
         let (w, h) = (f64::from(camera.width()), f64::from(camera.height()));
         Self {
             edges: [[0.0, h], [w, h], [w, 0.0], [0.0, 0.0]]
@@ -155,7 +155,7 @@ pub fn visible_cells(
     let first = CellView {
         cell: eye_cell,
         portals: Vec::new(),
-        window: Window::of_camera(camera),
+        window: Window::from_camera(camera),
     };
     let mut views = Vec::new();
     let mut stack = vec![first];
@@ -165,7 +165,7 @@ pub fn visible_cells(
         }
         if view.portals.len() < limits.depth {
             let mut behind = Vec::new();
-            for (portal, cell) in model.portals_of(view.cell) {
+            for (portal, cell) in model.portals_from(view.cell) {
                 let number = portal as u32;
                 if view.portals.contains(&number) {
                     continue;

@@ -68,7 +68,7 @@ impl House {
     pub fn open(name: &str) -> Result<Self, HouseError> {
         let mut model = if name == "builtin:house" {
             let mut model = headbox_scenes::house(0, BUILTIN_TRIANGLES);
-            model.mend();
+            model.repair();
             model
         } else {
             load_model(Path::new(name), &ModelOptions::default())?.model
@@ -111,7 +111,7 @@ impl House {
             .collect();
         let mesh = RasterMesh::new(Arc::clone(&scene), &groups, origin);
         let tracer = Tracer::new(scene, origin);
-        let lighting = Lighting::of_scene(&tracer, 0);
+        let lighting = Lighting::unmetered(&tracer, 0);
         Ok(Self {
             plan: model,
             tracer,
@@ -191,7 +191,7 @@ impl House {
     /// Returns the cell that contains an eye position (world metres). Inside a portal, within the
     /// thickness of the wall, the portal's plane decides; elsewhere the cells' space. `None` in a
     /// wall (between the backs of two surfaces close together) or outside all cells.
-    pub fn cell_of_eye(&self, eye: DVec3) -> Option<u32> {
+    pub fn find_cell(&self, eye: DVec3) -> Option<u32> {
         let passing = (0..self.plan.portals.len()).find_map(|portal| {
             let opening = Opening::new(&self.plan.portals[portal], 0)?;
             let in_front = opening.distance_in_front(eye);

@@ -4,7 +4,7 @@ use super::backdrop::{BackdropError, BackdropQuality};
 use super::house::House;
 use super::settings::{WalkSettings, WalkStats};
 use super::store::{BackdropBuilder, Store};
-use super::visit::likely;
+use super::visit::likely_backdrops;
 use super::walk::Walker;
 use headbox_core::camera::Camera;
 use headbox_core::frame::Frame;
@@ -52,7 +52,7 @@ impl Tour {
         if let Some(kind) = self.settings.backdrops {
             let urgent = stats.missing.iter().map(|at| (*at, kind));
             self.builder
-                .request(urgent.chain(likely(&self.house, camera.eye(), kind)));
+                .request(urgent.chain(likely_backdrops(&self.house, camera.eye(), kind)));
         }
         (frame, stats)
     }

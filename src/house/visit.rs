@@ -125,12 +125,12 @@ pub(super) fn union(a: &[Range<u32>; 2], b: &[Range<u32>; 2]) -> [Range<u32>; 2]
 
 /// Returns the backdrops that an eye is likely to need, most likely first: those of its own cell by
 /// distance, then those of the adjacent cells.
-pub fn likely(house: &House, eye: DVec3, kind: BackdropKind) -> Vec<Key> {
-    let Some(cell) = house.cell_of_eye(eye) else {
+pub fn likely_backdrops(house: &House, eye: DVec3, kind: BackdropKind) -> Vec<Key> {
+    let Some(cell) = house.find_cell(eye) else {
         return Vec::new();
     };
     let sides = |cell: u32| {
-        let portals = house.plan().portals_of(cell);
+        let portals = house.plan().portals_from(cell);
         let mut sides: Vec<(f64, PortalSide, u32)> = portals
             .filter_map(|(portal, behind)| {
                 let at = side_toward(house, portal as u32, behind)?;

@@ -89,7 +89,7 @@ impl Walker {
         camera: &Camera,
         settings: &WalkSettings,
     ) -> Vec<PortalSide> {
-        let cell = house.cell_of_eye(camera.eye());
+        let cell = house.find_cell(camera.eye());
         visit(house, store, camera, settings, cell).missing
     }
 
@@ -100,7 +100,7 @@ impl Walker {
         camera: &Camera,
         settings: &WalkSettings,
     ) -> Vec<Arc<Backdrop>> {
-        let cell = house.cell_of_eye(camera.eye());
+        let cell = house.find_cell(camera.eye());
         visit(house, store, camera, settings, cell)
             .boundaries
             .into_iter()
@@ -118,7 +118,7 @@ impl Walker {
         settings: &WalkSettings,
     ) -> (&Frame, &WalkStats) {
         let started = Instant::now();
-        let cell = house.cell_of_eye(camera.eye());
+        let cell = house.find_cell(camera.eye());
         let Visit {
             groups,
             boundaries,

@@ -184,7 +184,7 @@ impl WalkPath {
         visited[start as usize] = true;
         line.extend(self.standing_point(plan, start));
         let mut doors: Vec<(usize, u32)> = plan
-            .portals_of(start)
+            .portals_from(start)
             .filter(|&(_, next)| plan.outside != Some(next))
             .collect();
         doors.sort_by_key(|&(portal, _)| self.random(portal as u32 + 1));

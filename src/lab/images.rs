@@ -22,7 +22,7 @@ use headbox_core::progress::Progress;
 use headbox_cube::pack::{CubeLdi, SplatIndexLayout, Split};
 use headbox_cube::render::{RenderSettings, Renderer};
 use headbox_images::{ImageSet, LoadedView, Registration, View};
-use headbox_ldi::from_images::{ImagesJob, NearImages};
+use headbox_ldi::from_images::{ImageSetCapture, NearestImages};
 use headbox_photos::view_geometry::{
     GeometryRenderer, GeometryResources, GeometrySettings, RankWeights, Texturing, ViewGeometry,
     WaitPolicy,
@@ -77,14 +77,12 @@ const IN_PAPER: [(Texturing, f64); 4] = [
     (Texturing::Blended, 11.8),
 ];
 
-/// Cubes: from the nearest view, from the [`NearImages::COUNT`] nearest views, from all views.
+/// Cubes: from the nearest view, from the [`NearestImages::COUNT`] nearest views, from all views.
 const CUBES: [&str; 3] = ["nearest", "live-3", "ldi"];
 
 /// Returns the names of the variants: cubes, and texturing variants of view-dependent geometry.
 pub fn variants() -> impl Iterator<Item = &'static str> + Clone {
-    CUBES
-        .into_iter()
-        .chain(Texturing::ALL.into_iter().map(|(name, _)| name))
+    CUBES.into_iter().chain(Texturing::ALL.map(Texturing::name))
 }
 
 /// Settings of view-dependent geometry.
@@ -102,7 +100,7 @@ pub struct Geometry {
 /// See [`HoldOutError`].
 pub fn measure(
     set: &ImageSet,
-    job: &ImagesJob,
+    job: &ImageSetCapture,
     geometry: &Geometry,
     hold_out: usize,
     progress: &dyn Progress,
@@ -151,7 +149,7 @@ pub fn measure(
             views: others.into_iter().cloned().collect(),
             ..set.clone()
         };
-        let mut near = NearImages::new(others, job.clone(), NearImages::DEFAULT_BUDGET)?;
+        let mut near = NearestImages::new(others, job.clone(), NearestImages::DEFAULT_BUDGET)?;
         for &i in left_out {
             test.measure_view(i, &mut near, &all, show)?;
         }
@@ -168,7 +166,7 @@ pub fn measure(
 /// State of a leave-one-out test.
 struct HoldOutTest<'a> {
     set: &'a ImageSet,
-    job: &'a ImagesJob,
+    job: &'a ImageSetCapture,
     views: &'a [&'a View],
     progress: &'a dyn Progress,
     renderer: Renderer,
@@ -192,7 +190,7 @@ struct SetCube {
 impl HoldOutTest<'_> {
     fn cube(&self, centre: DVec3, views: &[&View]) -> Result<SetCube, HoldOutError> {
         let started = Instant::now();
-        let job = ImagesJob {
+        let job = ImageSetCapture {
             centre,
             ..self.job.clone()
         };
@@ -206,7 +204,11 @@ impl HoldOutTest<'_> {
     }
 
     /// Builds the cube of the `chosen` views from files, and again from memory.
-    fn near_cube(&self, near: &mut NearImages, chosen: &[usize]) -> Result<SetCube, HoldOutError> {
+    fn near_cube(
+        &self,
+        near: &mut NearestImages,
+        chosen: &[usize],
+    ) -> Result<SetCube, HoldOutError> {
         let views: Vec<&View> = chosen.iter().map(|&i| &near.views()[i]).collect();
         let centre = views
             .first()
@@ -226,7 +228,7 @@ impl HoldOutTest<'_> {
     fn measure_view(
         &mut self,
         i: usize,
-        near: &mut NearImages,
+        near: &mut NearestImages,
         all: &SetCube,
         show: &mut dyn FnMut(SideBySide),
     ) -> Result<(), HoldOutError> {
@@ -248,14 +250,14 @@ impl HoldOutTest<'_> {
             return Ok(());
         };
         let (photograph, visible) = reproject(&held, &camera);
-        let chosen = near.nearest(&camera, NearImages::COUNT);
+        let chosen = near.nearest(&camera, NearestImages::COUNT);
         let nearest = self.near_cube(near, &chosen[..1])?;
         let few = self.near_cube(near, &chosen)?;
         let mut frames = Vec::new();
         for cube in [&nearest, &few, all] {
             frames.push(self.draw_cube(cube, &camera, gain));
         }
-        for (_, texturing) in Texturing::ALL {
+        for texturing in Texturing::ALL {
             let settings = GeometrySettings {
                 texturing,
                 ..self.settings
@@ -416,7 +418,7 @@ impl ImagesReport {
              which cameras are ranked ({}), judged where all of them show something:\n\n{}",
             ldi.count(),
             self.hold_out,
-            NearImages::COUNT,
+            NearestImages::COUNT,
             live.psnr_db() - nearest.psnr_db(),
             ldi.psnr_db() - nearest.psnr_db(),
             percent(ldi.mean(|row| row.covered)),

@@ -24,7 +24,7 @@ use headbox_cube::pack::{CubeLdi, SplatIndexLayout, Split};
 use headbox_cube::render::{RenderSettings, Renderer};
 use headbox_images::dense_depth::DenseDepth;
 use headbox_images::{ImageSet, ImagesError, LoadedView, View};
-use headbox_ldi::from_images::ImagesJob;
+use headbox_ldi::from_images::ImageSetCapture;
 use headbox_photos::view_geometry::{
     GeometryRenderer, GeometryResources, GeometrySettings, Texturing, ViewGeometry, WaitPolicy,
 };
@@ -198,17 +198,17 @@ fn draw_with_estimated_depth(
     };
     let started = Instant::now();
     progress.begin("finding depth", "steps", estimated.find_depth_steps());
-    estimated.find_depth(
+    estimated.estimate_depth(
         &DenseDepth::default(),
         &|| progress.advance(1),
         &mut |_, _| {},
     )?;
     let depth_ms = started.elapsed().as_secs_f64() * 1e3;
     let views: Vec<&View> = estimated.views_with_depth().collect();
-    let job = ImagesJob::suggest(&estimated);
+    let job = ImageSetCapture::suggest(&estimated);
     let mut frames = Vec::new();
     for centre in centres {
-        let job = ImagesJob {
+        let job = ImageSetCapture {
             centre,
             ..job.clone()
         };

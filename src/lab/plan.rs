@@ -279,7 +279,7 @@ impl Plan {
 
 /// Returns the horizontal axis along which a view from `centre` (world) has the most nearby
 /// geometry, by the sum of 1 / distance over a grid of rays.
-pub fn most_to_see(tracer: &Tracer, centre: DVec3) -> DVec3 {
+pub fn axis_with_most_geometry(tracer: &Tracer, centre: DVec3) -> DVec3 {
     const SIDE: i32 = 24;
     let origin = (centre - tracer.origin()).as_vec3();
     let nearness = |ahead: DVec3| -> f64 {

@@ -22,7 +22,7 @@ use headbox_images::planar_layers::{Frames, LayerJob, LayersError, PlanarLayers}
 use headbox_images::{ImageSet, LoadedView, Pose, View};
 use headbox_sprite::compose::{ComposeSettings, Composer, Composition};
 use headbox_sprite::{
-    DisplacementFormat, RenderOptions, SpriteError, SpriteSet, SpriteVariant, sprites_of_layers,
+    DisplacementFormat, RenderOptions, SpriteError, SpriteSet, SpriteVariant, sprites_from_layers,
 };
 use image::RgbImage;
 use serde::Serialize;
@@ -163,7 +163,7 @@ pub fn measure(
     }
     .segment(frames)?;
     let composition = |layers: &PlanarLayers| -> Result<Composition, SpriteError> {
-        let sprites = sprites_of_layers(layers, DisplacementFormat::default())?;
+        let sprites = sprites_from_layers(layers, DisplacementFormat::default())?;
         Ok(Composition::new(SpriteSet::new(sprites), Vec::new()))
     };
     let sprites = [composition(&single)?, composition(&layers)?];

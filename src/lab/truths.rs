@@ -6,7 +6,7 @@ use headbox_core::container::{Container, ContainerWriter, FileError, FileKind};
 use headbox_core::file_frame::UpAxis;
 use headbox_core::frame::{Coverage, Frame};
 use headbox_core::progress::{Progress, Silent};
-use headbox_photos::cache::{self, InUse};
+use headbox_photos::cache::{self, FileLock};
 use headbox_scene::scene::Scene;
 use headbox_trace::bvh::Tracer;
 use headbox_trace::light::Lighting;
@@ -69,7 +69,7 @@ impl<'a> Truths<'a> {
             .filter(|truth| (truth.frame.width, truth.frame.height) == size);
         if let Some(truth) = cached {
             // Failing to mark the file as used does no harm.
-            let _ = path.as_deref().map(InUse::of);
+            let _ = path.as_deref().map(FileLock::of);
             return truth;
         }
         let truth = self.render(camera, samples, progress);

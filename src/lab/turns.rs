@@ -13,7 +13,7 @@ pub fn time_ms<T>(f: impl FnOnce() -> T) -> f64 {
 
 /// Runs each contender once per round, every second round in reverse order (A B C, C B A, ...).
 /// Returns the results of `run` by contender and round; a `None` is left out.
-pub fn in_turns<C, T>(
+pub fn run_in_turns<C, T>(
     contenders: &mut [C],
     rounds: u32,
     mut run: impl FnMut(usize, &mut C) -> Option<T>,
@@ -44,7 +44,7 @@ mod tests {
     #[test]
     fn contenders_alternate_in_turns() {
         let mut order = Vec::new();
-        let results = in_turns(&mut ['a', 'b', 'c'], 3, |index, contender| {
+        let results = run_in_turns(&mut ['a', 'b', 'c'], 3, |index, contender| {
             order.push(*contender);
             (index != 1).then_some(order.len())
         });

@@ -90,7 +90,7 @@ impl CameraGrid {
     }
 
     /// Returns `count` evenly spaced positions from -extent/2 to extent/2; 0 alone for one.
-    pub fn evenly(count: usize, extent: f64) -> Vec<f64> {
+    pub fn even_positions(count: usize, extent: f64) -> Vec<f64> {
         if count == 1 {
             return vec![0.0];
         }
@@ -413,7 +413,7 @@ pub(super) mod tests {
         });
         assert!(matches!(large, LumigraphError::TooLarge { .. }));
         assert!(CameraGrid::facing(DVec3::ZERO, DVec3::Y).is_none());
-        assert_eq!(CameraGrid::evenly(1, 3.0), [0.0]);
-        assert_eq!(CameraGrid::evenly(3, 3.0), [-1.5, 0.0, 1.5]);
+        assert_eq!(CameraGrid::even_positions(1, 3.0), [0.0]);
+        assert_eq!(CameraGrid::even_positions(3, 3.0), [-1.5, 0.0, 1.5]);
     }
 }

@@ -34,7 +34,7 @@ pub use crate::make::raw::RawLumigraph;
 pub use crate::make::slabs::{MAX_SLABS, SlabShare, Slabs};
 pub use crate::render::frame::LumigraphRenderer;
 pub use crate::render::merge::merge;
-pub use crate::render::show::Show;
+pub use crate::render::show::LumigraphOverlay;
 pub use crate::render::slabs_render::{SlabsRenderer, render_slabs_by_rays};
 pub use bounds::{ErrorBound, detail, max_spacing, min_layers, optimal_disparity};
 pub use error::LumigraphError;

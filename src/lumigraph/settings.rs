@@ -1,6 +1,6 @@
 //! Settings and statistics of rendering lumigraphs.
 
-use crate::render::show::Show;
+use crate::render::show::LumigraphOverlay;
 use serde::Serialize;
 
 /// Blending where some of a ray's cameras see a layer and others see through it.
@@ -14,10 +14,7 @@ pub enum Blend {
     Shared,
 }
 
-impl Blend {
-    /// All modes with their names on the command line.
-    pub const ALL: [(&'static str, Self); 2] = [("shared", Self::Shared), ("whole", Self::Whole)];
-}
+headbox_core::named_variants!(Blend { Shared => "shared", Whole => "whole" });
 
 /// Settings of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -34,7 +31,7 @@ pub struct LumigraphSettings {
     /// Blending where cameras disagree.
     pub blend: Blend,
     /// Content of the frame.
-    pub show: Show,
+    pub show: LumigraphOverlay,
     /// Colour of hole pixels, sRGB.
     pub hole_color_srgb: [u8; 3],
 }
@@ -47,7 +44,7 @@ impl Default for LumigraphSettings {
             levels: true,
             skip: true,
             blend: Blend::Shared,
-            show: Show::Colors,
+            show: LumigraphOverlay::Colors,
             hole_color_srgb: [0; 3],
         }
     }

@@ -60,7 +60,7 @@ impl Bed {
     fn usual() -> Self {
         Self::new(
             vec![-0.5, -0.1, 0.2, 0.5],
-            CameraGrid::evenly(3, 1.0),
+            CameraGrid::even_positions(3, 1.0),
             [97, 64],
         )
     }
@@ -363,8 +363,8 @@ fn frame_at_camera_equals_its_image() {
 #[test]
 fn frames_show_the_scene() {
     let bed = Bed::new(
-        CameraGrid::evenly(4, 1.0),
-        CameraGrid::evenly(4, 1.0),
+        CameraGrid::even_positions(4, 1.0),
+        CameraGrid::even_positions(4, 1.0),
         [192, 192],
     );
     let lumigraph = bed.lumigraph();
@@ -409,7 +409,7 @@ fn highlights_move_with_the_eye() {
     dull.materials
         .iter_mut()
         .for_each(|material| material.gloss = None);
-    let places = CameraGrid::evenly(3, 0.6);
+    let places = CameraGrid::even_positions(3, 0.6);
     let [glossy, dull] = [glossy, dull]
         .map(|scene| Bed::of(scene, DVec3::ZERO, places.clone(), places.clone(), [80, 80]));
     let lit = |bed: &Bed| {
@@ -450,8 +450,8 @@ fn highlights_move_with_the_eye() {
 fn more_layers_and_more_cameras_err_less() {
     let bed = |cameras| {
         Bed::new(
-            CameraGrid::evenly(cameras, 1.0),
-            CameraGrid::evenly(cameras, 1.0),
+            CameraGrid::even_positions(cameras, 1.0),
+            CameraGrid::even_positions(cameras, 1.0),
             [128, 128],
         )
     };

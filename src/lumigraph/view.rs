@@ -1,6 +1,6 @@
 //! A lumigraph as a [`View`], with one or several light slabs.
 
-use crate::{Blend, LumigraphSettings, LumigraphStats, Show, Slabs, SlabsRenderer};
+use crate::{Blend, LumigraphOverlay, LumigraphSettings, LumigraphStats, Slabs, SlabsRenderer};
 use headbox_core::file_frame::FileFrame;
 use headbox_core::view::paint::figure;
 use headbox_core::view::{
@@ -43,7 +43,7 @@ impl LumigraphView {
                 "Overlay",
                 "What is painted instead of colours: the layer that a pixel is stored in, the layers as they were merged for \
                  this frame, or the cameras that a pixel is blended from (no unit).",
-                &Show::ALL.map(|(name, _)| name),
+                &LumigraphOverlay::ALL.map(LumigraphOverlay::name),
             )
             .with_flag(OVERLAY),
             Setting::choice(
@@ -51,7 +51,7 @@ impl LumigraphView {
                 "Blend",
                 "Where some cameras show a surface and others look through it: it takes their share of the pixel, or the \
                  whole of it as the paper has it (no unit).",
-                &Blend::ALL.map(|(name, _)| name),
+                &Blend::ALL.map(Blend::name),
             )
             .with_flag("variant"),
             Setting::number(
@@ -90,10 +90,12 @@ fn lumigraph_settings(values: &SettingValues) -> Result<LumigraphSettings, Strin
         skip: values.toggle("skip")?,
         blend: Blend::ALL
             .get(values.choice("blend")?)
-            .map_or(Blend::default(), |(_, blend)| *blend),
-        show: Show::ALL
+            .copied()
+            .unwrap_or_default(),
+        show: LumigraphOverlay::ALL
             .get(values.choice(OVERLAY)?)
-            .map_or(Show::Colors, |(_, show)| *show),
+            .copied()
+            .unwrap_or_default(),
         ..LumigraphSettings::default()
     })
 }

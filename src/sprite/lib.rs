@@ -26,7 +26,7 @@ pub mod view;
 mod warp;
 
 pub use crate::make::capture::{SlabCapture, capture_slabs, slabs_at_gaps};
-pub use crate::make::from_layers::sprites_of_layers;
+pub use crate::make::from_layers::sprites_from_layers;
 pub use crate::make::import::DepthImport;
 pub use crate::model::displacement::{Displacement, DisplacementFormat};
 pub use crate::model::file::SPRITE_FILE;

@@ -68,18 +68,18 @@ pub struct LayersView {
 
 impl LayersView {
     /// Creates the view of a sprite file; `None` if it has no sprites.
-    pub fn of_sprites(set: SpriteSet) -> Option<Self> {
+    pub fn from_sprites(set: SpriteSet) -> Option<Self> {
         let start = Self::start_of_sprites(&set)?;
         let pivot = start.view.eye + start.view.forward * middle_depth(&set)?;
         let layers = Composition::new(set, Vec::new());
         Some(Self {
             pivot: Some(pivot),
-            ..Self::of_layers(layers, start)
+            ..Self::from_layers(layers, start)
         })
     }
 
     /// Creates the view of layers of any kind.
-    pub fn of_layers(layers: Composition, start: LayersStart) -> Self {
+    pub fn from_layers(layers: Composition, start: LayersStart) -> Self {
         Self {
             layers,
             start,
@@ -101,7 +101,7 @@ impl LayersView {
     pub fn start_of_sprites(set: &SpriteSet) -> Option<LayersStart> {
         let camera = set.sprites().first()?.sprite().sprite().camera();
         Some(LayersStart {
-            view: StartView::of_camera(camera),
+            view: StartView::from_camera(camera),
             size_px: [camera.width(), camera.height()],
             file_frame: set.info.frame,
         })

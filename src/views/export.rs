@@ -5,7 +5,7 @@ use headbox_core::view::View;
 use headbox_cube::pack::CubeLdi;
 use headbox_export::deep::{self, DeepSummary, Faces};
 use headbox_export::page::Page;
-use headbox_export::{glb, of_sprites, ply, splats};
+use headbox_export::{from_sprites, glb, ply, splats};
 use headbox_house::view::HouseView;
 use headbox_house::walk_path::WalkPath;
 use headbox_lumigraph::view::LumigraphView;
@@ -60,7 +60,7 @@ pub(super) const CUBE: [Exporter; 4] = cube_exporters(|view, options, to| {
 });
 
 pub(super) const SPRITES: [Exporter; 4] = cube_exporters(|view, options, to| {
-    Page::of_sprites(sprites(view)?, &options.title)?.write(to)?;
+    Page::from_sprites(sprites(view)?, &options.title)?.write(to)?;
     Ok(ExportSummary::default())
 });
 
@@ -74,7 +74,7 @@ pub(super) const LUMIGRAPH: [Exporter; 1] = [Exporter {
                 slabs.all().len()
             )));
         };
-        Page::of_lumigraph(single, &options.title)?.write(to)?;
+        Page::from_lumigraph(single, &options.title)?.write(to)?;
         Ok(ExportSummary::default())
     },
 }];
@@ -86,7 +86,7 @@ pub(super) const HOUSE: [Exporter; 1] = [Exporter {
         let house = downcast::<HouseView>(view)?.house();
         let first =
             WalkPath::first_view(house).map_err(|error| ViewError::Other(error.to_string()))?;
-        Page::of_house(house, &first, &options.title)?.write(to)?;
+        Page::from_house(house, &first, &options.title)?.write(to)?;
         Ok(ExportSummary::default())
     },
 }];
@@ -192,5 +192,5 @@ fn cube(view: &dyn View) -> Result<Cow<'_, CubeLdi>, ViewError> {
     if let Ok(view) = downcast::<TruthView>(view) {
         return Ok(Cow::Borrowed(view.cube()));
     }
-    Ok(Cow::Owned(of_sprites::cube(sprites(view)?)?))
+    Ok(Cow::Owned(from_sprites::cube(sprites(view)?)?))
 }

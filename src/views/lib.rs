@@ -87,7 +87,7 @@ const BUILT_IN: [Representation; 4] = [
         extension: "sprite",
         tag: Some(FileKind::SPRITES.tag),
         open: |path| {
-            let view = LayersView::of_sprites(SpriteSet::read(path)?);
+            let view = LayersView::from_sprites(SpriteSet::read(path)?);
             Ok(Box::new(
                 view.ok_or_else(|| ViewError::NoSprites(path.into()))?,
             ))

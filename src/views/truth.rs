@@ -38,9 +38,9 @@ enum TruthOverlay {
     Error,
 }
 
-impl TruthOverlay {
-    const ALL: [(&'static str, Self); 2] = [("truth", Self::Truth), ("error", Self::Error)];
+headbox_core::named_variants!(TruthOverlay { Truth => "truth", Error => "error" });
 
+impl TruthOverlay {
     fn legend(self) -> Vec<Swatch> {
         match self {
             Self::Truth => Vec::new(),
@@ -97,7 +97,7 @@ impl TruthView {
         let mut settings = CubeView::setting_table();
         for setting in settings.iter_mut().filter(|setting| setting.id == OVERLAY) {
             if let Control::Choice { options, .. } = &mut setting.control {
-                options.extend(TruthOverlay::ALL.map(|(name, _)| name.to_owned()));
+                options.extend(TruthOverlay::ALL.map(|overlay| overlay.name().to_owned()));
             }
             setting.tooltip += " Also the ray-traced truth of this view, and the frame's error against it (FLIP, black 0 to \
                                 yellow 1); both are refined while the eye rests.";
@@ -196,8 +196,7 @@ impl View for TruthView {
         let choice = request.settings.choice(OVERLAY)?;
         let overlay = choice
             .checked_sub(self.view.overlay_count())
-            .and_then(|i| TruthOverlay::ALL.get(i))
-            .map(|(_, overlay)| *overlay);
+            .and_then(|i| TruthOverlay::ALL.get(i).copied());
         self.overlay = overlay.filter(|_| !request.moving);
         let Some(overlay) = overlay else {
             if let Some(reference) = &self.reference {
@@ -222,8 +221,8 @@ impl View for TruthView {
         self.view.statistics(request)
     }
 
-    fn radiance_of_levels(&self) -> Option<[f32; 256]> {
-        self.view.radiance_of_levels()
+    fn level_radiance(&self) -> Option<[f32; 256]> {
+        self.view.level_radiance()
     }
 }
 

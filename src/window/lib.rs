@@ -36,5 +36,5 @@ use headbox_viewer::Pose;
 
 /// Upright pose of a camera.
 fn start_at(camera: &Camera) -> Pose {
-    sources::view::pose(&StartView::of_camera(camera))
+    sources::view::pose(&StartView::from_camera(camera))
 }

@@ -33,14 +33,12 @@ enum MarkKind {
     Both,
 }
 
-impl MarkKind {
-    const ALL: [(&'static str, Self); 4] = [
-        ("nothing", Self::Nothing),
-        ("cameras", Self::Cameras),
-        ("points", Self::Points),
-        ("cameras and points", Self::Both),
-    ];
-}
+headbox_core::named_variants!(MarkKind {
+    Nothing => "nothing",
+    Cameras => "cameras",
+    Points => "points",
+    Both => "cameras and points",
+});
 
 /// Cameras of an image set, and its sparse points.
 pub struct Marks {
@@ -248,7 +246,7 @@ impl FrameSource for MarkedSource {
             "Drawn over it",
             "Where the pictures were taken, as pyramids that open to what each shows, and the points that they were aligned by (of a COLMAP \
              model); both also where something hides them.",
-            &MarkKind::ALL.map(|(name, _)| name),
+            &MarkKind::ALL.map(MarkKind::name),
         );
         self.source.settings().into_iter().chain([marks]).collect()
     }
@@ -261,7 +259,8 @@ impl FrameSource for MarkedSource {
         let mut report = self.source.render(request, pixels)?;
         let kind = MarkKind::ALL
             .get(request.settings.choice("marks")?)
-            .map_or(MarkKind::Nothing, |(_, kind)| *kind);
+            .copied()
+            .unwrap_or(MarkKind::Nothing);
         self.marks.draw(kind, &request.camera, pixels);
         if matches!(kind, MarkKind::Cameras | MarkKind::Both) {
             let label = format!("where {} pictures were taken", self.marks.cameras.len());

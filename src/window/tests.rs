@@ -5,14 +5,14 @@ use glam::DVec3;
 use headbox_core::camera::Camera;
 use headbox_core::progress::Silent;
 use headbox_cube::pack::{CubeLdi, SplatIndexLayout, Split};
-use headbox_fixtures::{frame_at, plane_view, saved, set_of};
+use headbox_fixtures::{frame_at, image_set, plane_view, saved};
 use headbox_house::backdrop::BackdropQuality;
 use headbox_house::house::House;
 use headbox_house::store::Store;
 use headbox_house::variant::HouseVariant;
 use headbox_house::walk_path::WalkPath;
 use headbox_images::ImageSet;
-use headbox_ldi::from_images::{ImagesJob, NearImages};
+use headbox_ldi::from_images::{ImageSetCapture, NearestImages};
 use headbox_ldi::scene_source::SceneSource;
 use headbox_lumigraph::{CameraGrid, GridParts, LumigraphCapture, Placement};
 use headbox_photos::view_geometry::view::GeometryView;
@@ -187,7 +187,7 @@ fn write_sprites(file: &Path) {
     let scene = Arc::new(SceneSource::new("builtin:sprites").open().unwrap());
     let eye = scene.headbox.unwrap().centre;
     let tracer = Tracer::new(scene, eye);
-    let lighting = Lighting::of_scene(&tracer, 0);
+    let lighting = Lighting::unmetered(&tracer, 0);
     let camera = Camera::look_at(eye, eye + DVec3::NEG_Z, DVec3::Y, 60.0, [128, 96]).unwrap();
     let slabs = slabs_at_gaps(&tracer, &camera, 4);
     let format = DisplacementFormat::I16;
@@ -233,7 +233,7 @@ fn house_is_walked_between_rooms() {
         (Navigation::Walk, None)
     );
     let start = source.start_pose();
-    let first = house.cell_of_eye(start.eye).unwrap();
+    let first = house.find_cell(start.eye).unwrap();
     let model = house.plan();
     let floor = model.cells[first as usize].space[0].floor_y;
     assert!(
@@ -261,7 +261,7 @@ fn house_is_walked_between_rooms() {
     .unwrap()
     {
         let (pixels, report) = render(&mut *source, pose_from_camera(&camera), &[]);
-        let cell = house.cell_of_eye(camera.eye());
+        let cell = house.find_cell(camera.eye());
         let name = cell.map_or("in a wall", |cell| model.cells[cell as usize].name.as_str());
         assert!(
             report.facts.iter().any(|fact| fact.text.starts_with(name)),
@@ -416,8 +416,8 @@ fn lumigraph_starts_at_its_cameras() {
     let parts = GridParts {
         origin,
         world_from_eye: glam::DMat3::IDENTITY,
-        columns: CameraGrid::evenly(3, 1.0),
-        rows: CameraGrid::evenly(3, 1.0),
+        columns: CameraGrid::even_positions(3, 1.0),
+        rows: CameraGrid::even_positions(3, 1.0),
         focal_px: 60.0,
         // As wide as the frames below: nothing is known outside of the images.
         size_px: [96, 64],
@@ -486,7 +486,7 @@ fn image_folder_is_shown() {
         .enumerate()
         .map(|(i, view)| saved(view, folder.path(), &i.to_string()))
         .collect();
-    let set = set_of(folder.path(), &on_disk);
+    let set = image_set(folder.path(), &on_disk);
     let resources = GeometryResources {
         grid: SampleGrid::default(),
         budget: 1 << 30,
@@ -568,14 +568,15 @@ fn six_images(folder: &Path) -> ImageSet {
             &format!("image {i}"),
         )
     };
-    set_of(folder, &(0..6).map(view).collect::<Vec<_>>())
+    image_set(folder, &(0..6).map(view).collect::<Vec<_>>())
 }
 
 #[test]
 fn cubes_of_the_nearest_images_follow_the_eye() {
     let folder = tempfile::tempdir().unwrap();
     let set = six_images(folder.path());
-    let near = || NearImages::new(set.clone(), ImagesJob::suggest(&set), usize::MAX).unwrap();
+    let near =
+        || NearestImages::new(set.clone(), ImageSetCapture::suggest(&set), usize::MAX).unwrap();
     let start = frame_at(DVec3::X * 0.2, [SIZE.0, SIZE.1]);
     let mut source = show_live(near(), folder.path(), &start).unwrap();
     assert!(source.bounds().is_none() && source.start_pose().eye == start.eye());
@@ -608,7 +609,7 @@ fn vanished_image_reported_once() {
     let folder = tempfile::tempdir().unwrap();
     let set = six_images(folder.path());
     // Only the data used last stay in memory.
-    let near = NearImages::new(set.clone(), ImagesJob::suggest(&set), 0).unwrap();
+    let near = NearestImages::new(set.clone(), ImageSetCapture::suggest(&set), 0).unwrap();
     let start = frame_at(DVec3::ZERO, [SIZE.0, SIZE.1]);
     let mut source = show_live(near, folder.path(), &start).unwrap();
     std::fs::remove_file(&set.views[5].color).unwrap();

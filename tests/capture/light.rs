@@ -40,7 +40,7 @@ fn floor() -> Scene {
 /// Mean of the light on the floor, seen from above, and its standard error for independent samples.
 fn light_on(scene: Scene, at: Vec3) -> (Vec3, f32) {
     let tracer = Tracer::new(Arc::new(scene), DVec3::ZERO);
-    let lighting = Lighting::of_scene(&tracer, 1);
+    let lighting = Lighting::unmetered(&tracer, 1);
     let point = LitPoint {
         position: at,
         normal: Vec3::Y,
@@ -427,7 +427,7 @@ fn many_lamps_bounce_light_of_all() {
     };
     let bounced = |lamps: Vec<Lamp>| {
         let tracer = Tracer::new(Arc::new(Scene { lamps, ..floor() }), DVec3::ZERO);
-        let mut lighting = Lighting::of_scene(&tracer, 1);
+        let mut lighting = Lighting::unmetered(&tracer, 1);
         lighting.exposure = 1e-3; // no bounce is cut as too bright
         let point = LitPoint {
             position: Vec3::Y,

@@ -116,7 +116,7 @@ fn findings_after(change: impl Fn(&mut PortalModel)) -> Vec<Finding> {
     change(&mut model);
     let mut findings = model.check();
     findings.retain(|f| !matches!(f, Finding::Unreachable { .. }));
-    let mended = model.mend();
+    let mended = model.repair();
     let leaves_out = findings
         .iter()
         .any(|f| f.portal().is_some() && f.severity() == Severity::Error);
@@ -233,8 +233,8 @@ fn repair_reverses_portal() {
     let polygon = model.portals[0].polygon.clone();
     model.portals[0].polygon.reverse();
     assert!(matches!(
-        model.mend().as_slice(),
-        [Finding::WrongWay { portal: 0, .. }, ..]
+        model.repair().as_slice(),
+        [Finding::Clockwise { portal: 0, .. }, ..]
     ));
     assert_eq!(model.portals[0].polygon, polygon);
 }
@@ -255,7 +255,7 @@ fn omitted_portals_are_numbered_last() {
     };
     model.portals = vec![bent, sound.clone(), reversed];
     let found: Vec<(Option<usize>, Severity)> = model
-        .mend()
+        .repair()
         .iter()
         .map(|f| (f.portal(), f.severity()))
         .collect();

@@ -19,7 +19,7 @@ use headbox_cube::render::{RenderSettings, Renderer};
 use headbox_ldi::accumulate::shard::{self, ShardInfo};
 use headbox_ldi::accumulate::tiles::TileStore;
 use headbox_ldi::capture::SceneCapture;
-use headbox_ldi::rays::trace::{self, Tracing};
+use headbox_ldi::rays::trace::{self, TracedRays};
 use headbox_ldi::scene_source::SceneSource;
 use headbox_ldi::spec::{CaptureSpec, RunOptions};
 use headbox_scene::material::Material;
@@ -182,7 +182,7 @@ fn merged_from_shards(
         budget,
         ..RunOptions::default()
     };
-    let mut merged = Tracing::empty(spec, &options).unwrap();
+    let mut merged = TracedRays::empty(spec, &options).unwrap();
     for (path, info) in &infos {
         assert_eq!(shard::read_info(path).unwrap(), *info);
         shard::absorb(path, info, &mut merged).unwrap();
@@ -433,7 +433,7 @@ fn missing_estimate_matches_fresh_rays() {
         let spec = spec_with(|p| p.novelty = novelty);
         let fresh_spec = spec_with(|p| (p.seed, p.rays_per_stratum, p.novelty) = (99, 4, 0.0));
         let tracer = Tracer::new(Arc::clone(&scene), spec.centre);
-        let lighting = Lighting::of_scene(&tracer, 0);
+        let lighting = Lighting::unmetered(&tracer, 0);
         let options = RunOptions::default();
         let [known, fresh] = [&spec, &fresh_spec].map(|spec| {
             let capture = SceneCapture::new(spec, &tracer, &lighting, &options);
@@ -503,7 +503,7 @@ fn light_agrees_with_closed_forms() {
         angular_radius_rad: 0.005,
     });
     let tracer = Tracer::new(Arc::new(scene), DVec3::ZERO);
-    let lighting = Lighting::of_scene(&tracer, 3);
+    let lighting = Lighting::unmetered(&tracer, 3);
     let [up, ..] = light_at(&lighting, &tracer, Vec3::ZERO, Vec3::Y);
     // Sky: irradiance pi * 0.5, over pi. Sun: 2 cos 60 / pi. An open, flat floor sends no light
     // back to itself.
@@ -526,7 +526,7 @@ fn closed_furnace_is_uniform() {
     let scene = Arc::new(boxes.add(DVec3::ZERO, DVec3::splat(2.0), glowing).0);
     let tracer = Tracer::new(scene, DVec3::ZERO);
     for (bounces, expected) in [(0, 1.0), (1, 1.5), (2, 1.75), (12, 2.0)] {
-        let mut lighting = Lighting::of_scene(&tracer, bounces);
+        let mut lighting = Lighting::unmetered(&tracer, bounces);
         lighting.exposure = 1e-6; // so dark that no bounce is cut as too bright
         let [light, ..] = light_at(&lighting, &tracer, Vec3::new(0.3, -2.0, 0.1), Vec3::Y);
         // 65,536 samples; paths that end near a corner are rare and bright, with a standard

@@ -36,7 +36,7 @@ fn sprites_and_a_cube_are_composed_back_to_front() {
         parameters: CaptureParameters::unlit(6, 4),
         ..CaptureSpec::new(source, centre, 0.5)
     };
-    let lighting = Lighting::of_scene(&tracer, 0);
+    let lighting = Lighting::unmetered(&tracer, 0);
     let (ldi, _) = SceneCapture::new(&spec, &tracer, &lighting, &RunOptions::default())
         .run()
         .expect("captured");
@@ -191,7 +191,7 @@ fn trace_frame(scene: &Arc<Scene>, camera: &Camera) -> image::RgbImage {
     let tracer = Tracer::new(Arc::clone(scene), camera.eye());
     headbox_trace::truth::render(
         &tracer,
-        &Lighting::of_scene(&tracer, 0),
+        &Lighting::unmetered(&tracer, 0),
         false,
         camera,
         32,
@@ -220,7 +220,7 @@ fn polygons_match_captured_samples() {
         parameters: CaptureParameters::unlit(8, 8),
         ..CaptureSpec::new(source, centre, 0.5)
     };
-    let lighting = Lighting::of_scene(&tracer, 0);
+    let lighting = Lighting::unmetered(&tracer, 0);
     for error_px in [0.0, 0.5] {
         let (ldi, _) = SceneCapture::new(&spec, &tracer, &lighting, &RunOptions::default())
             .run()

@@ -10,8 +10,8 @@ use headbox_core::progress::Silent;
 use headbox_cube::model::parameters::MergeRule;
 use headbox_cube::model::samples::CubeSamples;
 use headbox_images::traced_view;
-use headbox_images::{DepthPicture, FARTHEST_M, ImageSet, ImageSetOptions, Lens, SetWriter, View};
-use headbox_ldi::from_images::ImagesJob;
+use headbox_images::{DepthPicture, ImageSet, ImageSetOptions, Lens, MAX_DEPTH_M, SetWriter, View};
+use headbox_ldi::from_images::ImageSetCapture;
 use headbox_sprite::write_depth_exr;
 use headbox_trace::bvh::{Ray, Tracer};
 use headbox_trace::light::Lighting;
@@ -56,9 +56,9 @@ fn write_faces(cube: &CubeSamples, folder: &Path) -> ImageSet {
     ImageSet::open(folder, &ImageSetOptions::default()).expect("opens")
 }
 
-fn job(cube: &CubeSamples, face_size_px: u32, centre: DVec3) -> ImagesJob {
+fn job(cube: &CubeSamples, face_size_px: u32, centre: DVec3) -> ImageSetCapture {
     let half_size_m = cube.info.half_size_m;
-    ImagesJob {
+    ImageSetCapture {
         centre,
         half_size_m,
         face_size_px,
@@ -123,10 +123,10 @@ fn six_pinholes_give_centre_ray_ldi() {
     });
     writer.finish().expect("written");
     let set = ImageSet::open(folder.path(), &ImageSetOptions::default()).expect("opens");
-    let job = ImagesJob {
+    let job = ImageSetCapture {
         centre,
         face_size_px: SIDE,
-        ..ImagesJob::suggest(&set)
+        ..ImageSetCapture::suggest(&set)
     };
     let found = job.run(&set, &views(&set), &Silent).expect("warps");
     for ((face, found), taken) in Face::ALL.into_iter().zip(&found.faces).zip(&taken) {
@@ -141,7 +141,7 @@ fn six_pinholes_give_centre_ray_ldi() {
             let hit = tracer.closest(&ray);
             // The sky is a surface that is practically at infinity.
             let expected = 1.0
-                / hit.map_or(FARTHEST_M, |hit| {
+                / hit.map_or(MAX_DEPTH_M, |hit| {
                     hit.t * direction.dot(face.normal()) as f32
                 });
             let [found] = found.pixel(x, y) else {

@@ -80,7 +80,7 @@ fn rooms(random: &mut Rng) -> PortalModel {
 /// The portals through which a line of sight passes until it meets a wall.
 fn line_of_sight(model: &PortalModel, eye: DVec3, direction: DVec3, mut cell: u32) -> Vec<u32> {
     let mut passed = Vec::new();
-    while let Some((portal, behind)) = model.portals_of(cell).find(|&(portal, _)| {
+    while let Some((portal, behind)) = model.portals_from(cell).find(|&(portal, _)| {
         !passed.contains(&(portal as u32)) && passes(&model.portals[portal], cell, eye, direction)
     }) {
         passed.push(portal as u32);
@@ -238,7 +238,7 @@ fn cycles_end_and_limits_hold() {
     });
     assert_eq!((none.len(), none[0].cell, refused > 0), (1, cell, true));
     assert_eq!(
-        Window::of_camera(&camera).rectangle(&camera),
+        Window::from_camera(&camera).rectangle(&camera),
         [0..64, 0..48]
     );
 }

@@ -17,7 +17,7 @@ fn eye_at_wall_junction_is_in_wall() {
         dvec3(0.91861, 1.4, -6.999999999),
     ];
     for eye in in_walls {
-        assert_eq!(house.cell_of_eye(eye), None, "{eye}");
+        assert_eq!(house.find_cell(eye), None, "{eye}");
     }
     let path = WalkPath {
         poses: 200,
@@ -25,11 +25,7 @@ fn eye_at_wall_junction_is_in_wall() {
         ..WalkPath::default()
     };
     for camera in path.cameras(&house).expect("valid cameras") {
-        assert!(
-            house.cell_of_eye(camera.eye()).is_some(),
-            "{}",
-            camera.eye()
-        );
+        assert!(house.find_cell(camera.eye()).is_some(), "{}", camera.eye());
     }
 }
 
@@ -54,8 +50,8 @@ fn inverted_rooms_are_rooms() {
     };
     for camera in path.cameras(&house).expect("valid cameras") {
         assert_eq!(
-            turned.cell_of_eye(camera.eye()),
-            house.cell_of_eye(camera.eye()),
+            turned.find_cell(camera.eye()),
+            house.find_cell(camera.eye()),
             "{}",
             camera.eye()
         );

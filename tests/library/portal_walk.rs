@@ -12,7 +12,7 @@ use headbox_house::house::{House, HouseError};
 use headbox_house::settings::{Division, Near, WalkSettings};
 use headbox_house::store::{BackdropBuilder, Store};
 use headbox_house::tour::Tour;
-use headbox_house::visit::likely;
+use headbox_house::visit::likely_backdrops;
 use headbox_house::walk::Walker;
 use headbox_house::walk_path::WalkPath;
 use headbox_model::PortalModel;
@@ -90,7 +90,7 @@ fn missing_backdrop_is_geometry_until_built() {
     assert_eq!(alone.color, geometry.color);
 
     let builder = BackdropBuilder::new(Arc::clone(&house), Arc::clone(&store), QUALITY);
-    let wanted = likely(&house, camera.eye(), BackdropKind::Texture);
+    let wanted = likely_backdrops(&house, camera.eye(), BackdropKind::Texture);
     assert_eq!(
         wanted[0].0,
         PortalSide { portal: 0, side: 0 },
@@ -318,7 +318,7 @@ fn path_enters_every_room() {
     assert_eq!(cameras.len(), 90);
     let mut cells: Vec<u32> = cameras
         .iter()
-        .filter_map(|camera| house.cell_of_eye(camera.eye()))
+        .filter_map(|camera| house.find_cell(camera.eye()))
         .collect();
     assert_eq!(cells.len(), 90, "never in a wall");
     cells.sort_unstable();

@@ -13,7 +13,7 @@ use headbox_core::random::Rng;
 use headbox_core::simd;
 use headbox_cube::model::samples::{CubeSamples, DepthPixel};
 use headbox_cube::pack::{CubeLdi, Plane, PlaneSet, PlaneTile, SplatIndexLayout, Split};
-use headbox_cube::planes::{Bound, DEFAULT_ERROR_PX, choose, pack, pack_in_parts};
+use headbox_cube::planes::{Bound, DEFAULT_ERROR_PX, choose, pack, pack_keeping_all_textures};
 use headbox_cube::render::footprint::splat::SplatKernel;
 use headbox_cube::render::{RenderSettings, Renderer};
 
@@ -248,7 +248,7 @@ fn few_textures_skipped_in_wide_frames() {
         (room(6.0), false),
     ] {
         let ldi = quick(&scene, FACE_PX);
-        let [around, in_parts] = [pack, pack_in_parts].map(|pack| {
+        let [around, in_parts] = [pack, pack_keeping_all_textures].map(|pack| {
             pack(ldi.clone(), SplatIndexLayout::Normal, Split::Auto, 0.5).expect("packs")
         });
         assert!(!in_parts.planes.tiles.is_empty());

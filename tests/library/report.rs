@@ -2,7 +2,7 @@
 
 use headbox::DVec3;
 use headbox_lab::machine::Machine;
-use headbox_lab::plan::{EyeSet, Plan, Quality, most_to_see};
+use headbox_lab::plan::{EyeSet, Plan, Quality, axis_with_most_geometry};
 use headbox_lab::report::figures::figures;
 use headbox_lab::report::row::{EyeRecord, Report, Row, SceneFacts};
 use headbox_lab::report::scene;
@@ -44,7 +44,7 @@ fn measure_bump(seed: u64) -> (SceneFacts, Vec<Row>) {
     let headbox = scene.headbox.expect("it has one");
     let tracer = Arc::new(Tracer::new(scene, headbox.centre));
     let lighting = Lighting::measure(&tracer, 0);
-    let ahead = most_to_see(&tracer, headbox.centre);
+    let ahead = axis_with_most_geometry(&tracer, headbox.centre);
     let plan = Plan::new(TINY, headbox.centre, headbox.half_size_m, ahead, seed).expect("valid");
     let subject = Subject {
         name: "builtin:bump".into(),

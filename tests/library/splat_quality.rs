@@ -10,7 +10,7 @@ use glam::{DVec3, dvec3};
 use headbox_core::camera::{Camera, fov_deg};
 use headbox_core::frame::Frame;
 use headbox_core::random::Rng;
-use headbox_cube::pack::{CubeLdi, ExactCube, SplatIndexLayout, Split};
+use headbox_cube::pack::{CubeLdi, SplatIndexLayout, Split, UnquantisedCube};
 use headbox_cube::render::footprint::splat::SplatKernel;
 use headbox_cube::render::{RenderSettings, Renderer};
 
@@ -114,7 +114,8 @@ fn tents_come_near_a_cube_map_and_beat_the_other_kernels() {
             }
         }
         // Unpacked depth pixels.
-        let exact = ExactCube::pack(&ldi, SplatIndexLayout::Normal, Split::Auto).expect("packs");
+        let exact =
+            UnquantisedCube::pack(&ldi, SplatIndexLayout::Normal, Split::Auto).expect("packs");
         for (kernel, packed) in [(SplatKernel::Tent, 5), (SplatKernel::Ellipse, 7)] {
             let (mut renderer, settings) = (
                 Renderer::new(),

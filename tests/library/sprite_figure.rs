@@ -81,7 +81,7 @@ fn camera(eye: DVec3) -> Camera {
 }
 
 fn capture(tracer: &Tracer) -> SpriteWithDepth {
-    let lighting = Lighting::of_scene(tracer, 0);
+    let lighting = Lighting::unmetered(tracer, 0);
     let capture = SlabCapture {
         tracer,
         lighting: &lighting,
@@ -102,7 +102,7 @@ fn capture(tracer: &Tracer) -> SpriteWithDepth {
 fn truth_at(tracer: &Tracer, target: &Camera) -> RgbImage {
     let frame = truth::render(
         tracer,
-        &Lighting::of_scene(tracer, 0),
+        &Lighting::unmetered(tracer, 0),
         false,
         target,
         16,
@@ -280,7 +280,7 @@ fn range_chart(
     tracer: &Tracer,
     reference: &Camera,
 ) -> Vec<[f64; SpriteVariant::ALL.len()]> {
-    let mut lighting = Lighting::of_scene(tracer, 0);
+    let mut lighting = Lighting::unmetered(tracer, 0);
     lighting.sky = None;
     let capture = SlabCapture {
         tracer,
@@ -391,7 +391,7 @@ fn flip_over_eye_displacement_in_a_real_house() {
 fn four_layers_approximate_scene() {
     let scene = headbox_scenes::build("sprites", 0).expect("built in");
     let tracer = Tracer::new(Arc::new(scene), DVec3::ZERO);
-    let mut lighting = Lighting::of_scene(&tracer, 0);
+    let mut lighting = Lighting::unmetered(&tracer, 0);
     lighting.sky = None; // black, as a frame of sprites is where there is none
     let reference =
         Camera::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, 60.0, [SIZE, SIZE]).expect("valid");

@@ -195,7 +195,7 @@ fn squares() -> Scene {
 #[test]
 fn slabs_of_a_scene_become_matted_sprites() {
     let tracer = Tracer::new(Arc::new(squares()), DVec3::ZERO);
-    let lighting = Lighting::of_scene(&tracer, 0);
+    let lighting = Lighting::unmetered(&tracer, 0);
     let camera =
         Camera::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, 60.0, [41, 41]).expect("valid");
     let slabs = slabs_at_gaps(&tracer, &camera, 2);

@@ -71,7 +71,7 @@ fn tracer() -> Tracer {
 
 fn cube() -> CubeLdi {
     let tracer = tracer();
-    let lighting = Lighting::of_scene(&tracer, 0);
+    let lighting = Lighting::unmetered(&tracer, 0);
     let (ldi, _) = SceneCapture::new(&spec(), &tracer, &lighting, &RunOptions::default())
         .run()
         .expect("captured");
@@ -210,7 +210,7 @@ fn read_scene(path: &Path) -> bool {
 fn shard_bytes() -> Vec<u8> {
     let spec = spec();
     let tracer = tracer();
-    let lighting = Lighting::of_scene(&tracer, 0);
+    let lighting = Lighting::unmetered(&tracer, 0);
     let options = RunOptions {
         shard: (0, 2),
         ..RunOptions::default()
@@ -223,7 +223,7 @@ fn shard_bytes() -> Vec<u8> {
 
 fn sprite_bytes(format: DisplacementFormat) -> Vec<u8> {
     let tracer = tracer();
-    let lighting = Lighting::of_scene(&tracer, 0);
+    let lighting = Lighting::unmetered(&tracer, 0);
     let capture = SlabCapture {
         tracer: &tracer,
         lighting: &lighting,
@@ -264,7 +264,7 @@ fn sprite_files() {
 
 fn lumigraph_bytes(slabs: usize, layers: usize) -> Vec<u8> {
     let tracer = tracer();
-    let lighting = Lighting::of_scene(&tracer, 0);
+    let lighting = Lighting::unmetered(&tracer, 0);
     let parts = GridParts {
         origin: spec().centre,
         world_from_eye: glam::DMat3::IDENTITY,

@@ -332,7 +332,7 @@ fn baked_light_looks_like_truth() {
     let tracer = Tracer::new(baked, eye);
     let unlit = truth::render(
         &tracer,
-        &Lighting::of_scene(&tracer, 0),
+        &Lighting::unmetered(&tracer, 0),
         false,
         &camera,
         16,

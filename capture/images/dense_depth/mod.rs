@@ -191,7 +191,7 @@ impl ImageSet {
     ///
     /// # Errors
     /// See [`DenseDepthError`].
-    pub fn find_depth(
+    pub fn estimate_depth(
         &mut self,
         settings: &DenseDepth,
         advance: &dyn Fn(),
@@ -221,7 +221,7 @@ impl ImageSet {
         Ok(attach(self)?)
     }
 
-    /// Returns the number of steps of [`Self::find_depth`].
+    /// Returns the number of steps of [`Self::estimate_depth`].
     pub fn find_depth_steps(&self) -> u64 {
         DenseDepth::steps(
             self.views

@@ -179,11 +179,11 @@ pub(super) fn depth_range(own: &Candidate, others: &[&Candidate]) -> Option<[f32
     let needed = required_matches(others.len()).max(1);
     let rays: Vec<DVec3> = grid(own).collect();
     let overlaps = |inverse_depth: f64| {
-        let is_seen = |ray: &DVec3| {
+        let is_visible = |ray: &DVec3| {
             let point = own.camera.pose.to_world(*ray / inverse_depth);
             others.iter().filter(|other| other.sees(point)).count() >= needed
         };
-        rays.iter().any(is_seen)
+        rays.iter().any(is_visible)
     };
     let distances = others
         .iter()

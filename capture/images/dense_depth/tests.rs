@@ -107,7 +107,7 @@ fn settings() -> DenseDepth {
 
 fn find(set: &mut ImageSet) -> Result<Agreement, DenseDepthError> {
     let mut agreement = Agreement::default();
-    set.find_depth(&settings(), &|| {}, &mut |view, estimated| {
+    set.estimate_depth(&settings(), &|| {}, &mut |view, estimated| {
         let truth = (0..5)
             .map(|i| loaded(i, textured))
             .find(|truth| truth.pose.eye.distance(view.pose.eye) < 1e-6);

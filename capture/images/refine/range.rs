@@ -3,7 +3,7 @@
 //! On a plane inverse depth is affine in the image's pixels: the mean over a cell is the value at
 //! the cell's centre to the last digit, with a fraction of a sensor's noise.
 
-use super::super::view::FARTHEST_M;
+use super::super::view::MAX_DEPTH_M;
 use super::super::{Lens, LoadedView};
 use glam::DVec3;
 use headbox_core::statistics::median;
@@ -180,7 +180,7 @@ fn mean_inverse_depth(view: &LoadedView, cell: [u32; 2], cell_px: u32) -> f32 {
     let mut low = f32::INFINITY;
     let mut high = 0.0f32;
     for (x, y) in pixels(cell, cell_px) {
-        let Some(depth) = view.depth_at(x, y).filter(|depth| *depth < FARTHEST_M) else {
+        let Some(depth) = view.depth_at(x, y).filter(|depth| *depth < MAX_DEPTH_M) else {
             return f32::NAN;
         };
         let inverse = 1.0 / depth;

@@ -7,7 +7,7 @@
 use crate::accumulate::accumulator::Accumulator;
 use crate::capture::SceneCapture;
 use crate::rays::ray_plan::RayPlan;
-use crate::rays::trace::Tracing;
+use crate::rays::trace::TracedRays;
 use crate::scene_source::fingerprint;
 use crate::spec::{CaptureSpec, RunOptions};
 use headbox_core::container::{Container, ContainerWriter, FileError, FileKind};
@@ -42,7 +42,7 @@ pub struct ShardInfo {
 
 impl ShardInfo {
     /// Header of a traced part of a capture.
-    pub fn new(capture: &SceneCapture, tracing: &Tracing) -> Self {
+    pub fn new(capture: &SceneCapture, tracing: &TracedRays) -> Self {
         let scene = capture.tracer.scene();
         let (part, parts) = capture.options.shard;
         Self {
@@ -97,7 +97,7 @@ const SECTIONS: [&str; 6] = [
 ///
 /// # Errors
 /// [`FileError::Io`].
-pub fn write(path: &Path, info: &ShardInfo, tracing: &Tracing) -> Result<(), FileError> {
+pub fn write(path: &Path, info: &ShardInfo, tracing: &TracedRays) -> Result<(), FileError> {
     let mut writer = ContainerWriter::new(SHARD);
     writer.section("info", || Ok(serde_json::to_vec(info)?));
     writer.section("plan", || {
@@ -188,7 +188,7 @@ pub fn check_complete(infos: &[(PathBuf, ShardInfo)]) -> Result<(), ShardError> 
 ///
 /// # Errors
 /// See [`ShardError`].
-pub fn absorb(path: &Path, info: &ShardInfo, tracing: &mut Tracing) -> Result<(), ShardError> {
+pub fn absorb(path: &Path, info: &ShardInfo, tracing: &mut TracedRays) -> Result<(), ShardError> {
     let file = Container::open(path, SHARD)?;
     let mut plan = file.section("plan")?;
     let more_rays: Vec<u32> = plan.array(tracing.plan.groups.count())?;
@@ -237,7 +237,7 @@ pub fn absorb(path: &Path, info: &ShardInfo, tracing: &mut Tracing) -> Result<()
 /// # Errors
 /// See [`ShardError`].
 pub fn check(path: &Path, info: &ShardInfo) -> Result<u64, ShardError> {
-    let mut tracing = Tracing::empty(&info.spec, &RunOptions::default())?;
+    let mut tracing = TracedRays::empty(&info.spec, &RunOptions::default())?;
     absorb(path, info, &mut tracing)?;
     (0..tracing.store.tile_count())
         .map(|tile| Ok(tracing.store.tile_run(tile)?.len() as u64))

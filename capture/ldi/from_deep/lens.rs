@@ -1,6 +1,6 @@
 //! The camera of a deep image: from the image's header, or from arguments.
 
-use super::{DeepPlace, FromDeepError};
+use super::{DeepCameraOptions, FromDeepError};
 use glam::{DMat4, DVec3, DVec4};
 use headbox_core::camera::Camera;
 use headbox_images::deep_exr::{DeepImage, DeepView};
@@ -32,7 +32,10 @@ impl Lens {
     /// # Errors
     /// [`FromDeepError::View`] if neither header nor arguments specify the camera,
     /// [`FromDeepError::Redundant`] if both do, [`FromDeepError::Camera`], [`FromDeepError::Lens`].
-    pub(super) fn new(image: &DeepImage, place: &DeepPlace) -> Result<Option<Self>, FromDeepError> {
+    pub(super) fn new(
+        image: &DeepImage,
+        place: &DeepCameraOptions,
+    ) -> Result<Option<Self>, FromDeepError> {
         let DeepView {
             cube,
             world_to_camera,
@@ -218,12 +221,12 @@ mod tests {
     #[test]
     fn header_matrices_give_the_camera() {
         let camera = camera();
-        let assert_read = |view: DeepView, place: &DeepPlace| {
+        let assert_read = |view: DeepView, place: &DeepCameraOptions| {
             let lens = Lens::new(&image(view), place).expect("read");
             assert_projects_like(&lens.expect("a camera"), &camera);
         };
         let standard = DeepView::from_camera(&camera);
-        assert_read(standard, &DeepPlace::default());
+        assert_read(standard, &DeepCameraOptions::default());
         // Forward is +z and the image's upper left corner is (0, 0), as OpenEXR specifies.
         let matrix =
             |m: Option<[f32; 16]>| DMat4::from_cols_array(&m.expect("written").map(f64::from));
@@ -246,19 +249,19 @@ mod tests {
                 world_to_camera: array(camera_matrix),
                 world_to_ndc: array(ndc),
             };
-            assert_read(view, &DeepPlace::default());
+            assert_read(view, &DeepCameraOptions::default());
         }
         // Without a field of view, and without any camera.
-        let place = DeepPlace {
+        let place = DeepCameraOptions {
             fov_y_deg: Some(50.0),
-            ..DeepPlace::default()
+            ..DeepCameraOptions::default()
         };
         let pose = DeepView {
             world_to_ndc: None,
             ..standard
         };
         assert_read(pose, &place);
-        let place = DeepPlace {
+        let place = DeepCameraOptions {
             centre: Some(camera.eye()),
             look_at: Some(DVec3::new(4.0, 1.0, -2.0)),
             ..place
@@ -273,19 +276,20 @@ mod tests {
             cube: true,
             ..DeepView::default()
         };
-        let fov = DeepPlace {
+        let fov = DeepCameraOptions {
             fov_y_deg: Some(50.0),
-            ..DeepPlace::default()
+            ..DeepCameraOptions::default()
         };
-        let centre = DeepPlace {
+        let centre = DeepCameraOptions {
             centre: Some(DVec3::ONE),
-            ..DeepPlace::default()
+            ..DeepCameraOptions::default()
         };
-        let look_at = DeepPlace {
+        let look_at = DeepCameraOptions {
             look_at: Some(DVec3::ONE),
-            ..DeepPlace::default()
+            ..DeepCameraOptions::default()
         };
-        let error = |view, place: &DeepPlace| Lens::new(&image(view), place).expect_err("refused");
+        let error =
+            |view, place: &DeepCameraOptions| Lens::new(&image(view), place).expect_err("refused");
         for (view, place, flag) in [
             (cube, &fov, "--fov"),
             (cube, &look_at, "--look-at"),
@@ -307,9 +311,9 @@ mod tests {
         }
         assert!(Lens::new(&image(cube), &centre).expect("read").is_none());
         assert_eq!(error(DeepView::default(), &centre), FromDeepError::View);
-        let wide = DeepPlace {
+        let wide = DeepCameraOptions {
             fov_y_deg: Some(180.0),
-            ..DeepPlace::default()
+            ..DeepCameraOptions::default()
         };
         assert!(matches!(
             error(DeepView::default(), &wide),

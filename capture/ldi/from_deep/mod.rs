@@ -64,7 +64,7 @@ pub enum FromDeepError {
 
 /// Properties of a capture that the header of a deep image may lack.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct DeepPlace {
+pub struct DeepCameraOptions {
     /// Position of the eye, world metres, unless the header specifies it; the origin if absent.
     pub centre: Option<DVec3>,
     /// Target of the camera, world metres, unless the header specifies it; along -Z if absent.
@@ -81,7 +81,7 @@ pub struct DeepPlace {
 ///
 /// # Errors
 /// [`FromDeepError`].
-pub fn cube(image: &DeepImage, place: DeepPlace) -> Result<CubeSamples, FromDeepError> {
+pub fn cube(image: &DeepImage, place: DeepCameraOptions) -> Result<CubeSamples, FromDeepError> {
     let sampler = DeepSampler::new(image, &place)?;
     let nearest = sampler.nearest().ok_or(FromDeepError::Empty)?;
     let half_size_m = place.half_size_m.unwrap_or(HEADBOX_SHARE * nearest);
@@ -132,7 +132,7 @@ struct DeepSampler<'a> {
 }
 
 impl<'a> DeepSampler<'a> {
-    fn new(image: &'a DeepImage, place: &DeepPlace) -> Result<Self, FromDeepError> {
+    fn new(image: &'a DeepImage, place: &DeepCameraOptions) -> Result<Self, FromDeepError> {
         let channel = |name| image.channel(name).ok_or(FromDeepError::Channel(name));
         let channels = [channel("R")?, channel("G")?, channel("B")?, channel("Z")?];
         let alpha = image.channel("A");
@@ -367,9 +367,9 @@ mod tests {
 
     #[test]
     fn half_open_room_becomes_a_cube() {
-        let place = DeepPlace {
+        let place = DeepCameraOptions {
             centre: Some(DVec3::new(1.0, 2.0, 3.0)),
-            ..DeepPlace::default()
+            ..DeepCameraOptions::default()
         };
         let cube = cube(&room(16), place).expect("a cube");
         assert_eq!(cube.info.centre, DVec3::new(1.0, 2.0, 3.0));
@@ -408,7 +408,7 @@ mod tests {
         let error = |change: &dyn Fn(&mut DeepImage)| {
             let mut image = room(4);
             change(&mut image);
-            cube(&image, DeepPlace::default())
+            cube(&image, DeepCameraOptions::default())
                 .map(|_| ())
                 .expect_err("refused")
         };

@@ -3,7 +3,7 @@
 use fearless_simd::prelude::*;
 use fearless_simd::{f32x16, i32x16, u32x16};
 use glam::{DVec3, Vec3};
-use headbox_images::{FARTHEST_M, Lens, LoadedView};
+use headbox_images::{Lens, LoadedView, MAX_DEPTH_M};
 use std::ops::Range;
 
 pub(super) const LANES: usize = 16;
@@ -85,7 +85,7 @@ impl<'a> DepthRows<'a> {
                 // As in `LoadedView::depth_at`.
                 let known = depth > 0.0 && color[3] > 0;
                 *inverse_depth = if known {
-                    1.0 / depth.min(FARTHEST_M)
+                    1.0 / depth.min(MAX_DEPTH_M)
                 } else {
                     f32::NAN
                 };

@@ -25,7 +25,7 @@ mod nearest;
 mod oracle;
 pub mod row_samples;
 
-pub use nearest::NearImages;
+pub use nearest::NearestImages;
 
 use footprint::WarpTarget;
 use glam::DVec3;
@@ -44,7 +44,7 @@ use std::sync::Arc;
 
 /// A capture of an image set.
 #[derive(Clone, Debug, PartialEq)]
-pub struct ImagesJob {
+pub struct ImageSetCapture {
     /// Centre of the headbox, world metres.
     pub centre: DVec3,
     /// Half of its edge, metres.
@@ -72,7 +72,7 @@ fn mean_direction(views: &[&View]) -> Option<DVec3> {
     (sum.length() > 0.1 * views.len() as f64).then(|| sum.normalize())
 }
 
-impl ImagesJob {
+impl ImageSetCapture {
     /// Suggests a cube about the eye nearest to the middle of a set's views (an original camera
     /// suits best, because fewer pixels are resampled twice), with the resolution of the views, and
     /// so large that it contains most of their eyes. Photographs with computed depth may surround

@@ -11,7 +11,7 @@
 //! The cube lies about the eye of the nearest image, whose pixels are then resampled once. Loaded
 //! images stay in an LRU cache, so that most rebuilds load none or one.
 
-use super::ImagesJob;
+use super::ImageSetCapture;
 use headbox_core::camera::Camera;
 use headbox_core::statistics::median;
 use headbox_cube::model::samples::CubeSamples;
@@ -20,9 +20,9 @@ use rayon::prelude::*;
 use std::sync::Arc;
 
 /// A set of images with depth, of which those nearest to a view become a cube.
-pub struct NearImages {
+pub struct NearestImages {
     set: ImageSet,
-    job: ImagesJob,
+    job: ImageSetCapture,
     /// Indices of the views that have depth.
     with_depth: Vec<usize>,
     /// Median depth of the images, metres.
@@ -33,7 +33,7 @@ pub struct NearImages {
     budget: usize,
 }
 
-impl NearImages {
+impl NearestImages {
     /// Number of images in a cube (S24).
     pub const COUNT: usize = 3;
 
@@ -48,7 +48,7 @@ impl NearImages {
     ///
     /// # Errors
     /// [`ImagesError`] of a view that cannot be loaded.
-    pub fn new(set: ImageSet, job: ImagesJob, budget: usize) -> Result<Self, ImagesError> {
+    pub fn new(set: ImageSet, job: ImageSetCapture, budget: usize) -> Result<Self, ImagesError> {
         let with_depth: Vec<usize> = (0..set.views.len())
             .filter(|&i| set.views[i].depth.is_some())
             .collect();
@@ -102,7 +102,7 @@ impl NearImages {
         let centre = views
             .first()
             .map_or(self.job.centre, |view| view.color_pose().eye);
-        ImagesJob {
+        ImageSetCapture {
             centre,
             ..self.job.clone()
         }
@@ -172,7 +172,7 @@ mod tests {
     use super::*;
     use glam::{DMat3, DVec3};
     use headbox_core::progress::Silent;
-    use headbox_fixtures::{frame_at, plane_view, saved, set_of};
+    use headbox_fixtures::{frame_at, image_set, plane_view, saved};
     use headbox_images::Pose;
     use tempfile::TempDir;
 
@@ -189,12 +189,12 @@ mod tests {
             )
         };
         let views: Vec<View> = eyes.iter().enumerate().map(view).collect();
-        let set = set_of(folder.path(), &views);
+        let set = image_set(folder.path(), &views);
         (folder, set)
     }
 
-    fn near(set: &ImageSet, budget: usize) -> NearImages {
-        NearImages::new(set.clone(), ImagesJob::suggest(set), budget).expect("opens")
+    fn near(set: &ImageSet, budget: usize) -> NearestImages {
+        NearestImages::new(set.clone(), ImageSetCapture::suggest(set), budget).expect("opens")
     }
 
     fn scattered_eyes(count: u32) -> Vec<DVec3> {
@@ -283,9 +283,9 @@ mod tests {
         for chosen in [vec![2, 0, 5], vec![5, 2, 0], vec![6], vec![]] {
             let cube = near.cube(&chosen).expect("built");
             let views: Vec<&View> = chosen.iter().map(|&i| &set.views[i]).collect();
-            let job = ImagesJob::suggest(&set);
+            let job = ImageSetCapture::suggest(&set);
             let centre = views.first().map_or(job.centre, |view| view.pose.eye);
-            let expected = ImagesJob { centre, ..job }
+            let expected = ImageSetCapture { centre, ..job }
                 .run(&set, &views, &Silent)
                 .expect("built");
             assert!(cube == expected, "{chosen:?}");
@@ -301,7 +301,7 @@ mod tests {
         let (_folder, set) = set(&scattered_eyes(6));
         let one = memory_bytes(&set.views[0].load().expect("loads"));
         let mut near = near(&set, 3 * one);
-        let cached = |near: &NearImages| near.cache.iter().map(|(i, _)| *i).collect::<Vec<_>>();
+        let cached = |near: &NearestImages| near.cache.iter().map(|(i, _)| *i).collect::<Vec<_>>();
         assert_eq!(
             cached(&near),
             [0, 1, 2, 3, 4, 5],

@@ -22,7 +22,7 @@ use glam::Vec3;
 use headbox_core::color::luminance;
 use headbox_core::cube_face::Face;
 use headbox_core::progress::Progress;
-use headbox_trace::light::{Arrival, LightSample, LitPoint, shown_slope};
+use headbox_trace::light::{Arrival, LightSample, LitPoint, srgb_slope};
 use headbox_trace::sampler::random4;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -68,7 +68,7 @@ pub(crate) fn sample_light(
         size_px: surfaces.size_px,
         progress: shader.capture.options.progress,
     };
-    if shader.capture.lighting.is_sharp() {
+    if shader.capture.lighting.has_sharp_light() {
         light.sample_sun(surfaces, 0, |_| 1);
         let edges = light.count_edge_samples(surfaces);
         light.sample_sun(surfaces, 1, |i| edges[i]);
@@ -213,7 +213,7 @@ impl FaceLight<'_> {
         let shown = luminance(lit.color().to_array());
         let albedo = luminance(sample.albedo.map(|c| f32::from(c) / 65_535.0));
         // Variance of the colour with one light sample per surface sample, squared sRGB levels.
-        let variance = (255.0 * albedo * shown_slope(shown)).powi(2) * pooled.variance
+        let variance = (255.0 * albedo * srgb_slope(shown)).powi(2) * pooled.variance
             / pooled.support.max(1.0);
         let light_samples = self.shader.light_samples() as f32;
         let needed = light_samples * variance / (ENOUGH_LEVELS * ENOUGH_LEVELS);
@@ -263,8 +263,8 @@ impl FaceLight<'_> {
                         arrival,
                     }),
                     None => {
-                        let light =
-                            before + arrival.brings(lighting.beyond(tracer, &arrival, &sample));
+                        let light = before
+                            + arrival.contribution(lighting.beyond(tracer, &arrival, &sample));
                         gathered.add(light * lighting.exposure);
                     }
                 }
@@ -278,7 +278,7 @@ impl FaceLight<'_> {
             (&Vec<PartialSample>, Vec<Vec3>),
         )| {
             for (partial, beyond) in row.iter().zip(beyond) {
-                let light = partial.before + partial.arrival.brings(beyond);
+                let light = partial.before + partial.arrival.contribution(beyond);
                 gathered[partial.surface as usize - first].add(light * lighting.exposure);
             }
         };

@@ -462,7 +462,7 @@ mod tests {
             ..Scene::default()
         };
         let tracer = Tracer::new(std::sync::Arc::new(scene), DVec3::ZERO);
-        let lighting = Lighting::of_scene(&tracer, 0);
+        let lighting = Lighting::unmetered(&tracer, 0);
         let mut spec = CaptureSpec::new(SceneSource::new("lamps"), DVec3::ZERO, 0.5);
         spec.face_size_px = 32;
         spec.parameters.light_samples = 0;

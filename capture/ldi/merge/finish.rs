@@ -5,7 +5,7 @@ use crate::capture::{SceneCapture, stage};
 use crate::light::illuminate::{FaceLightSamples, ROUNDS, pool_light, sample_light};
 use crate::light::shade::Shader;
 use crate::merge::clusters::merge_pixel;
-use crate::rays::trace::{Tracing, blocked_share};
+use crate::rays::trace::{TracedRays, blocked_share};
 use crate::surfaces::surface_samples::FaceSurfaces;
 use crate::surfaces::unlit::UnlitFaces;
 use glam::Vec3;
@@ -23,7 +23,7 @@ use std::io;
 /// If spilled accumulators cannot be read, or if the capture was cancelled.
 pub(crate) fn light_and_merge(
     capture: &SceneCapture,
-    tracing: &Tracing,
+    tracing: &TracedRays,
 ) -> io::Result<CubeSamples> {
     let SceneCapture {
         spec,
@@ -78,7 +78,7 @@ pub(crate) fn light_and_merge(
 }
 
 /// The header of the LDI.
-fn complete_info(capture: &SceneCapture, tracing: &Tracing) -> io::Result<CaptureInfo> {
+fn complete_info(capture: &SceneCapture, tracing: &TracedRays) -> io::Result<CaptureInfo> {
     let SceneCapture { spec, tracer, .. } = *capture;
     let mut info = CaptureInfo {
         rays_traced: tracing.rays,

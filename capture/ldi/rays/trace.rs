@@ -25,7 +25,7 @@ use std::io;
 const DOMAINS: u32 = 6;
 
 /// Traced rays, not yet lit and merged: the content of a shard file.
-pub struct Tracing {
+pub struct TracedRays {
     /// Accumulators of the hits.
     pub store: TileStore,
     /// Directions in which rays left the scene.
@@ -38,7 +38,7 @@ pub struct Tracing {
     pub holes: Option<Holes>,
 }
 
-impl Tracing {
+impl TracedRays {
     /// A tracing without hits, whose plan contains all rays of the spec.
     ///
     /// # Errors
@@ -58,11 +58,11 @@ impl Tracing {
 ///
 /// # Errors
 /// If accumulators cannot be spilled, or if the capture was cancelled.
-pub(crate) fn trace(capture: &SceneCapture) -> io::Result<Tracing> {
+pub(crate) fn trace(capture: &SceneCapture) -> io::Result<TracedRays> {
     let SceneCapture { spec, options, .. } = *capture;
     let strata = spec.strata();
     let (part, parts) = options.shard;
-    let mut tracing = Tracing::empty(spec, options)?;
+    let mut tracing = TracedRays::empty(spec, options)?;
     if spec.parameters.sampler == Sampler::CentreRays {
         tracing.rays = trace_centre_rays(capture, &tracing)?;
         return Ok(tracing);
@@ -90,9 +90,9 @@ pub(crate) fn trace(capture: &SceneCapture) -> io::Result<Tracing> {
     let keeps_pilot = has_pilot && parts == 1;
     if has_pilot && !keeps_pilot {
         // The other shards report their own share of the pilot.
-        tracing = Tracing {
+        tracing = TracedRays {
             plan: tracing.plan,
-            ..Tracing::empty(spec, options)?
+            ..TracedRays::empty(spec, options)?
         };
     }
     tracing.rays = own_cells
@@ -121,7 +121,7 @@ type DomainCell = (u8, u32);
 /// Traces, for every stratum of the cells, the rays in the range of its group.
 fn trace_cells(
     capture: &SceneCapture,
-    tracing: &Tracing,
+    tracing: &TracedRays,
     cells: &[DomainCell],
     range: impl Fn(usize) -> std::ops::Range<u32> + Sync,
 ) -> io::Result<()> {
@@ -255,7 +255,7 @@ impl<'a> HitRouter<'a> {
 
 /// Traces the rays of [`Sampler::CentreRays`]: one through each pixel's centre, of which every hit
 /// beyond the headbox is kept. Returns the number of rays.
-fn trace_centre_rays(capture: &SceneCapture, tracing: &Tracing) -> io::Result<u64> {
+fn trace_centre_rays(capture: &SceneCapture, tracing: &TracedRays) -> io::Result<u64> {
     let SceneCapture {
         spec,
         tracer,

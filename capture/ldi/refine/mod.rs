@@ -16,7 +16,7 @@ mod test_view;
 
 use crate::accumulate::tiles::InsertScratch;
 use crate::capture::{SceneCapture, stage};
-use crate::rays::trace::{HitRouter, Tracing};
+use crate::rays::trace::{HitRouter, TracedRays};
 use crate::refine::test_view::{TestView, ViewFindings, ViewTest};
 use crate::surfaces::geometry_pass::GeometryCube;
 use headbox_core::progress::check_cancelled;
@@ -44,7 +44,7 @@ const IDLE_ROUNDS: u32 = 2;
 ///
 /// # Errors
 /// If spilled accumulators cannot be read, or if the capture was cancelled.
-pub(crate) fn fill_holes(capture: &SceneCapture, tracing: &mut Tracing) -> io::Result<()> {
+pub(crate) fn fill_holes(capture: &SceneCapture, tracing: &mut TracedRays) -> io::Result<()> {
     let SceneCapture { spec, options, .. } = *capture;
     let limit = spec.parameters.holes;
     if limit >= 1.0 || spec.parameters.sampler == Sampler::CentreRays {
@@ -124,7 +124,7 @@ pub(crate) fn fill_holes(capture: &SceneCapture, tracing: &mut Tracing) -> io::R
 /// Renders views and compares them with rays.
 fn test_views(
     capture: &SceneCapture,
-    tracing: &Tracing,
+    tracing: &TracedRays,
     cube: &CubeLdi,
     views: Vec<TestView>,
 ) -> io::Result<ViewFindings> {

@@ -8,7 +8,7 @@ use crate::light::shade::Shader;
 use crate::merge::clusters::merge_pixel;
 use crate::merge::coverage::BinSpan;
 use crate::merge::merged_face::MergedFace;
-use crate::rays::trace::Tracing;
+use crate::rays::trace::TracedRays;
 use crate::surfaces::unlit::UnlitFaces;
 use headbox_core::cube_face::Face;
 use headbox_core::progress::check_cancelled;
@@ -27,7 +27,7 @@ impl GeometryCube {
     ///
     /// # Errors
     /// If spilled accumulators cannot be read, or if the capture was cancelled.
-    pub(crate) fn build(capture: &SceneCapture, tracing: &Tracing) -> io::Result<Self> {
+    pub(crate) fn build(capture: &SceneCapture, tracing: &TracedRays) -> io::Result<Self> {
         let faces = Face::ALL
             .map(|face| LayeredDepthImage::empty(face, 0))
             .into();
@@ -53,7 +53,7 @@ impl GeometryCube {
     pub(crate) fn update(
         &mut self,
         capture: &SceneCapture,
-        tracing: &Tracing,
+        tracing: &TracedRays,
         samples: &[Sample],
     ) -> io::Result<()> {
         self.cube.environment = tracing.environment_mask.environment(capture.lighting);
@@ -77,7 +77,7 @@ impl GeometryCube {
     fn build_face(
         &mut self,
         capture: &SceneCapture,
-        tracing: &Tracing,
+        tracing: &TracedRays,
         face: Face,
         hit: Option<&PixelSet>,
     ) -> io::Result<()> {
@@ -171,7 +171,7 @@ mod tests {
         spec.parameters.strata = 6;
         spec.parameters.rays_per_stratum = 4;
         let tracer = Tracer::new(Arc::clone(&scene), headbox.centre);
-        let lighting = Lighting::of_scene(&tracer, 1);
+        let lighting = Lighting::unmetered(&tracer, 1);
         let options = RunOptions::default();
         let capture = SceneCapture::new(&spec, &tracer, &lighting, &options);
         let tracing = capture.trace().unwrap();

@@ -5,7 +5,7 @@ use super::repair::repair_pinholes;
 use super::rows::split_lengths;
 use crate::accumulate::tiles::TILE_PX;
 use crate::light::shade::{Shader, SurfaceSample};
-use crate::rays::trace::Tracing;
+use crate::rays::trace::TracedRays;
 use crate::surfaces::surface_samples::FaceSurfaces;
 use headbox_core::cube_face::Face;
 use headbox_core::progress::check_cancelled;
@@ -15,7 +15,7 @@ use std::io;
 
 /// Builds the unlit surface samples of faces.
 pub(crate) struct UnlitFaces<'a> {
-    pub(crate) tracing: &'a Tracing,
+    pub(crate) tracing: &'a TracedRays,
     pub(crate) shader: &'a Shader<'a>,
 }
 

@@ -250,7 +250,7 @@ impl VertexLight<'_> {
                     .for_each(|(vertex, pending)| {
                         let light = pending
                             .iter()
-                            .filter_map(|at| Some(at.arrival.brings(*cells.get(&at.cell)?)));
+                            .filter_map(|at| Some(at.arrival.contribution(*cells.get(&at.cell)?)));
                         vertex.soft += light.sum::<Vec3>();
                         vertex.samples = round.end;
                     });
@@ -292,7 +292,7 @@ impl VertexLight<'_> {
                 Some(cell) => pending.push(PendingSample { cell, arrival }),
                 None => {
                     sums.soft +=
-                        arrival.brings(self.lighting.beyond(self.tracer, &arrival, &sample));
+                        arrival.contribution(self.lighting.beyond(self.tracer, &arrival, &sample));
                 }
             }
         }

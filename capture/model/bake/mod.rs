@@ -7,7 +7,7 @@
 //!   albedo (vertex colour included) plus its emission, as `truth --unlit`, a capture without light
 //!   samples and a rasteriser compute it.
 //! * Emission and sky are multiplied by the exposure, and there is no sun, so that the exposure of
-//!   the baked scene is 1. Its light, [`headbox_trace::light::Lighting::of_scene`] without bounces,
+//!   the baked scene is 1. Its light, [`headbox_trace::light::Lighting::unmetered`] without bounces,
 //!   is the sky for rays that leave the scene.
 //!
 //! Geometry, images and truth of one baked scene therefore agree by construction. Compared with the
@@ -105,7 +105,7 @@ pub fn bake_unmetered(
     bake_visible(
         source,
         KnownVisibility::UNKNOWN,
-        Lighting::of_scene,
+        Lighting::unmetered,
         options,
         progress,
     )

@@ -29,7 +29,7 @@ pub struct ModelOptions {
 /// A loaded portal model.
 #[derive(Clone, Debug)]
 pub struct LoadedModel {
-    /// The model, repaired by [`PortalModel::mend`]. The summary of its scene has the loader's
+    /// The model, repaired by [`PortalModel::repair`]. The summary of its scene has the loader's
     /// notes.
     pub model: PortalModel,
     /// Defects of cells and portals. Portals that were left out are numbered after the last portal.
@@ -41,7 +41,7 @@ impl LoadedModel {
     fn new(mut model: PortalModel, found: Vec<Finding>) -> Self {
         let joined = model.join_leaking_cells();
         model.suggest_headbox();
-        let mut findings = model.mend();
+        let mut findings = model.repair();
         findings.extend(found.into_iter().chain(joined));
         findings.extend(model.find_coplanar());
         Self { model, findings }

@@ -172,7 +172,7 @@ impl Tracer {
 
     /// Returns true if a triangle is visible to a ray along `direction` at barycentric weights `u`
     /// and `v`: not cut out, and not replaced by a coincident triangle that faces the ray.
-    pub fn is_seen(&self, direction: Vec3, primitive: u32, u: f32, v: f32) -> bool {
+    pub fn is_visible(&self, direction: Vec3, primitive: u32, u: f32, v: f32) -> bool {
         let hit = Hit {
             t: 0.0,
             primitive,

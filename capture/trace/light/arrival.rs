@@ -70,7 +70,7 @@ impl Arrival {
 
     /// Returns the sample's contribution from the radiosity per albedo that reaches the point
     /// ([`Lighting::beyond`]).
-    pub fn brings(&self, light: Vec3) -> Vec3 {
+    pub fn contribution(&self, light: Vec3) -> Vec3 {
         self.albedo * self.weight * light
     }
 }

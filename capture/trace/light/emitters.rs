@@ -80,7 +80,7 @@ impl Lighting {
         }
         let normal = tracer.geometric_normal(primitive);
         let cos_there = direction.dot(normal).abs();
-        if cos_there <= 0.0 || !tracer.is_seen(direction, primitive, u, v) {
+        if cos_there <= 0.0 || !tracer.is_visible(direction, primitive, u, v) {
             return Vec3::ZERO;
         }
         // Ends the shadow ray above the light's surface, by an offset like that of the ray's
@@ -196,7 +196,7 @@ mod tests {
     /// faces it.
     fn light_at(scene: Scene, y: f64, bounces: u32) -> f64 {
         let tracer = Tracer::new(Arc::new(scene), DVec3::ZERO);
-        let lighting = Lighting::of_scene(&tracer, bounces);
+        let lighting = Lighting::unmetered(&tracer, bounces);
         let point = lit_point(Vec3::Y * y as f32, Vec3::Y * -y.signum() as f32, 1.0);
         mean(|sample| lighting.soft_radiosity(&tracer, &point, sample))
     }
@@ -218,7 +218,7 @@ mod tests {
             (5.0, 3, 0),
         ] {
             let tracer = Tracer::new(Arc::new(lamp_scene(3.0, pieces)), DVec3::ZERO);
-            let lighting = Lighting::of_scene(&tracer, bounces);
+            let lighting = Lighting::unmetered(&tracer, bounces);
             let point = lit_point(Vec3::new(0.0, -h as f32, 0.0), Vec3::Y, 1.0);
             let mean = mean(|sample| {
                 let light = lighting.soft_radiosity(&tracer, &point, sample);
@@ -348,7 +348,7 @@ mod tests {
         let expected = all / f64::from(STEPS * STEPS);
         // By points alone, like at the last vertex of a path.
         let tracer = Tracer::new(Arc::new(scene), DVec3::ZERO);
-        let lighting = Lighting::of_scene(&tracer, 1);
+        let lighting = Lighting::unmetered(&tracer, 1);
         let point = lit_point(-Vec3::Y, Vec3::Y, 1.0);
         let found = mean(|sample| lighting.emitter_light(&tracer, &point, sample, 0, None));
         assert!(

@@ -131,7 +131,7 @@ mod tests {
             ..Scene::default()
         };
         let tracer = Tracer::new(Arc::new(scene), DVec3::Y);
-        let lighting = Lighting::of_scene(&tracer, 0);
+        let lighting = Lighting::unmetered(&tracer, 0);
         (tracer, lighting)
     }
 

@@ -11,7 +11,7 @@
 use super::arrival::power_of_two_above;
 use super::pilot::percentile;
 use super::square::{BINS, SquareDensity};
-use super::{FIRST_DIRECTION, LightSample, Lighting, LitPoint, Path, shown_slope};
+use super::{FIRST_DIRECTION, LightSample, Lighting, LitPoint, Path, srgb_slope};
 use crate::bvh::{Ray, Tracer};
 use crate::light::square;
 use crate::sampler::{cosine_direction, random4, square_from_disk};
@@ -315,7 +315,7 @@ impl CellStatistics {
             .filter(|(saved, _)| *saved > MIN_VARIANCE_REDUCTION * variance);
         CellEstimate {
             variance,
-            visibility: f64::from(shown_slope(mean)).powi(2),
+            visibility: f64::from(srgb_slope(mean)).powi(2),
             saved: gain.as_ref().map_or(0.0, |(saved, _)| *saved),
             density: gain.map(|(_, densities)| SquareDensity::new(&densities)),
         }
@@ -489,7 +489,7 @@ mod tests {
     /// Returns the variances of samples at the floor without and with guiding; checks that the
     /// means agree.
     fn variances(tracer: &Tracer, bounces: u32) -> [f64; 2] {
-        let lighting = Lighting::of_scene(tracer, bounces);
+        let lighting = Lighting::unmetered(tracer, bounces);
         let (mean, variance) = floor_light(&lighting, tracer);
         let (guided_mean, guided_variance) = floor_light(&lighting.guided(tracer), tracer);
         // Two standard errors of independent samples; stratified samples have a smaller error.
@@ -527,7 +527,7 @@ mod tests {
             let tracer = tracer(scene);
             let [variance, guided] = variances(&tracer, bounces);
             assert!(guided < variance, "{bounces}: {guided}, without {variance}");
-            let lighting = Lighting::of_scene(&tracer, bounces).guided(&tracer);
+            let lighting = Lighting::unmetered(&tracer, bounces).guided(&tracer);
             assert!(!lighting.guide.cells.is_empty());
         }
     }
@@ -540,7 +540,7 @@ mod tests {
                 .num_threads(threads)
                 .build()
                 .expect("threads");
-            pool.install(|| Lighting::of_scene(&tracer, 1).guided(&tracer).guide)
+            pool.install(|| Lighting::unmetered(&tracer, 1).guided(&tracer).guide)
         };
         let one = guide(1);
         let three = guide(3);
@@ -618,7 +618,7 @@ mod tests {
             material: 0,
         }];
         for tracer in [tracer(scene), tracer(Scene::default())] {
-            let lighting = Lighting::of_scene(&tracer, 1).guided(&tracer);
+            let lighting = Lighting::unmetered(&tracer, 1).guided(&tracer);
             assert!(lighting.guide.cells.is_empty());
         }
     }

@@ -231,7 +231,7 @@ impl LightSample {
 impl Lighting {
     /// Creates the lighting of the tracer's scene with `bounces` diffuse bounces, no fill light and
     /// an exposure of 1.
-    pub fn of_scene(tracer: &Tracer, bounces: u32) -> Self {
+    pub fn unmetered(tracer: &Tracer, bounces: u32) -> Self {
         let scene = tracer.scene();
         Self {
             sun: scene.sun,
@@ -255,7 +255,7 @@ impl Lighting {
     /// less than 1 % of the 90th percentile, a fill light of a tenth of it (or 1 in total darkness)
     /// is added.
     pub fn measure(tracer: &Tracer, bounces: u32) -> Self {
-        let mut lighting = Self::of_scene(tracer, bounces);
+        let mut lighting = Self::unmetered(tracer, bounces);
         let pilot = Pilot::new(tracer);
         let mut exposed = lighting.meter(tracer, &pilot);
         // Very bright light is clamped ([`MAX_BOUNCE_RADIANCE`]) according to an exposure that is
@@ -282,7 +282,7 @@ impl Lighting {
         }
         Self {
             exposure: tracer.scene().exposure.factor(1.0),
-            ..Self::of_scene(tracer, bounces)
+            ..Self::unmetered(tracer, bounces)
         }
     }
 
@@ -492,6 +492,6 @@ impl Lighting {
 /// Returns the approximate slope of the sRGB curve at a linear level: change of the encoded value
 /// (0..1) per change of linear light. Reduced above white, where the image saturates and noise is
 /// hardly visible.
-pub fn shown_slope(level: f32) -> f32 {
+pub fn srgb_slope(level: f32) -> f32 {
     0.44 * level.max(0.005).powf(-0.58) * if level > 1.0 { 0.25 } else { 1.0 }
 }

@@ -105,7 +105,7 @@ fn sun_ray(sun: &Sun, point: &LitPoint, [u, v]: [f32; 2]) -> Option<(Ray, Vec3)>
 
 impl Lighting {
     /// Returns true if there is any light with sharp shadows.
-    pub fn is_sharp(&self) -> bool {
+    pub fn has_sharp_light(&self) -> bool {
         self.sun.is_some() || !self.lamps.is_empty()
     }
 

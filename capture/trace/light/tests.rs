@@ -80,13 +80,13 @@ fn requests(tracer: &Tracer) -> Vec<(LitPoint, LightSample)> {
 fn split_sample_sums_to_whole() {
     let tracer = tracer();
     for bounces in [0, 1, 5] {
-        let lighting = Lighting::of_scene(&tracer, bounces).guided(&tracer);
+        let lighting = Lighting::unmetered(&tracer, bounces).guided(&tracer);
         let mut arrived = 0;
         for (point, sample) in requests(&tracer) {
             let whole = lighting.soft_radiosity(&tracer, &point, &sample);
             let (before, arrival) = lighting.before(&tracer, &point, &sample);
             let beyond = arrival.map_or(Vec3::ZERO, |a| {
-                a.brings(lighting.beyond(&tracer, &a, &sample))
+                a.contribution(lighting.beyond(&tracer, &a, &sample))
             });
             arrived += u32::from(arrival.is_some());
             assert!(
@@ -127,7 +127,7 @@ fn unlit_exposure_is_specified_stops() {
 #[test]
 fn packet_sunlight_matches_single_rays() {
     let tracer = tracer();
-    let lighting = Lighting::of_scene(&tracer, 0);
+    let lighting = Lighting::unmetered(&tracer, 0);
     let requests = requests(&tracer);
     let light = lighting.sharp_radiosities(&tracer, &requests);
     let single = |(point, sample): &(LitPoint, LightSample)| {

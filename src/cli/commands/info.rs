@@ -104,7 +104,7 @@ impl InfoCommand {
             format_count(info.parameters.bounces, "bounce"),
             format_count(info.parameters.light_samples, "sample"),
             info.light
-                .in_words()
+                .describe()
                 .map_or(String::new(), |words| format!(", {words}"))
         );
         let stops = info.exposure.log2();

@@ -9,7 +9,7 @@ use anyhow::{Context, ensure};
 use clap::Args;
 use headbox_ldi::accumulate::shard;
 use headbox_ldi::capture::SceneCapture;
-use headbox_ldi::rays::trace::Tracing;
+use headbox_ldi::rays::trace::TracedRays;
 use headbox_ldi::scene_source::fingerprint;
 use headbox_ldi::spec::RunOptions;
 use headbox_trace::bvh::Tracer;
@@ -81,7 +81,7 @@ impl MergeCommand {
             progress: &bar,
             ..RunOptions::default()
         };
-        let mut tracing = Tracing::empty(&spec, &options)?;
+        let mut tracing = TracedRays::empty(&spec, &options)?;
         for (path, info) in &infos {
             shard::absorb(path, info, &mut tracing)?;
         }

@@ -14,7 +14,7 @@ use anyhow::Context;
 use clap::Args;
 use headbox_core::camera::Camera;
 use headbox_images::{ImageSet, View, read_sparse_points};
-use headbox_ldi::from_images::{ImagesJob, NearImages};
+use headbox_ldi::from_images::{ImageSetCapture, NearestImages};
 use headbox_photos::view_geometry::view::GeometryView;
 use headbox_photos::view_geometry::{GeometrySettings, Texturing};
 use headbox_viewer::{Exit, FrameSource, PendingSource, ReplayMode, Stereo, ViewerOptions};
@@ -333,7 +333,7 @@ pub(super) fn show(file: &Path) -> anyhow::Result<()> {
 
 /// Opens the images of a set for live cube LDIs; returns the camera of its central view, too, or of
 /// the first with depth.
-fn near_images(folder: &Path, set: ImageSet) -> anyhow::Result<(NearImages, Camera)> {
+fn near_images(folder: &Path, set: ImageSet) -> anyhow::Result<(NearestImages, Camera)> {
     images::views_with_depth(&set)?;
     let start = set
         .central_view()
@@ -346,9 +346,9 @@ fn near_images(folder: &Path, set: ImageSet) -> anyhow::Result<(NearImages, Came
         )
     };
     let start = start.with_context(no_start)?;
-    let job = ImagesJob::suggest(&set);
+    let job = ImageSetCapture::suggest(&set);
     Ok((
-        NearImages::new(set, job, NearImages::DEFAULT_BUDGET)?,
+        NearestImages::new(set, job, NearestImages::DEFAULT_BUDGET)?,
         start,
     ))
 }

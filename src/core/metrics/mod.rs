@@ -26,7 +26,7 @@ use rayon::prelude::*;
 
 pub use comparable::{MAX_PIXELS_PER_DEGREE, MIN_PIXELS_PER_DEGREE, MetricError};
 pub use flip::{DEFAULT_PIXELS_PER_DEGREE, FlipMap, flip_map};
-pub use own_error::{OwnError, own_error};
+pub use own_error::{UnbiasedError, own_error};
 pub use ssim::ssim;
 
 /// Metrics of `headbox compare` and of every row of a report.

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 /// Error of an image, without the noise of the reference.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct OwnError {
+pub struct UnbiasedError {
     /// Mean squared error of values in 0..=1; the estimate may be negative.
     pub mse: f64,
     /// Its standard error.
@@ -22,7 +22,7 @@ pub struct OwnError {
 pub fn own_error(
     [first, second]: [&RgbImage; 2],
     test: &RgbImage,
-) -> Result<OwnError, MetricError> {
+) -> Result<UnbiasedError, MetricError> {
     check_sizes(first, test)?;
     check_sizes(second, test)?;
     let product = |((a, b), t): ((&u8, &u8), &u8)| {
@@ -43,7 +43,7 @@ pub fn own_error(
     let sums: Vec<[f64; 2]> = sums.collect();
     let count = test.len() as f64;
     let [mse, square] = [0, 1].map(|i| sums.iter().map(|sum| sum[i]).sum::<f64>() / count);
-    Ok(OwnError {
+    Ok(UnbiasedError {
         mse,
         standard_error: ((square - mse * mse).max(0.0) / count).sqrt(),
     })
@@ -81,7 +81,7 @@ mod tests {
         let same = own_error([&off, &off], &off).expect("sizes fit");
         assert_eq!(
             same,
-            OwnError {
+            UnbiasedError {
                 mse: 0.0,
                 standard_error: 0.0
             }

@@ -92,7 +92,7 @@ pub trait View: Any + Send {
     }
 
     /// Linear radiance of each stored 8-bit level, if the file specifies it.
-    fn radiance_of_levels(&self) -> Option<[f32; 256]> {
+    fn level_radiance(&self) -> Option<[f32; 256]> {
         None
     }
 }

@@ -18,7 +18,7 @@ pub struct StartView {
 
 impl StartView {
     /// Takes the view of a camera without its roll.
-    pub fn of_camera(camera: &Camera) -> Self {
+    pub fn from_camera(camera: &Camera) -> Self {
         Self {
             eye: camera.eye(),
             forward: camera.forward(),

@@ -8,7 +8,7 @@ use crate::model::samples::{CubeSamples, DepthPixel, LayeredDepthImage};
 /// A depth pixel in 24 bytes instead of 8.
 #[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
-pub struct ExactDepthPixel {
+pub struct UnquantisedDepthPixel {
     /// 1/Z about the cube's centre, 1/m.
     pub inverse_depth: f32,
     /// Unit surface normal in the face's frame.
@@ -21,14 +21,14 @@ pub struct ExactDepthPixel {
 
 /// A packed cube LDI, and its depth pixels before quantisation.
 #[derive(Clone, Debug, PartialEq)]
-pub struct ExactCube {
+pub struct UnquantisedCube {
     /// The packed cube; its depth pixels are not drawn.
     pub cube: CubeLdi,
     /// For each segment, in the order of its packed depth pixels.
-    pub depth_pixels: Vec<Vec<ExactDepthPixel>>,
+    pub depth_pixels: Vec<Vec<UnquantisedDepthPixel>>,
 }
 
-impl ExactCube {
+impl UnquantisedCube {
     /// Packs a cube LDI and keeps its unquantised samples.
     ///
     /// # Errors
@@ -49,15 +49,18 @@ impl ExactCube {
 
     /// Bytes of all unquantised depth pixels.
     pub fn depth_pixel_bytes(&self) -> usize {
-        self.cube.depth_pixel_count() * size_of::<ExactDepthPixel>()
+        self.cube.depth_pixel_count() * size_of::<UnquantisedDepthPixel>()
     }
 }
 
 /// Collects the samples of a segment from its face, by their range of inverse depth.
-fn exact_depth_pixels(face: &LayeredDepthImage, segment: &PackedSegment) -> Vec<ExactDepthPixel> {
+fn exact_depth_pixels(
+    face: &LayeredDepthImage,
+    segment: &PackedSegment,
+) -> Vec<UnquantisedDepthPixel> {
     let face_from_world = face.face.world_from_eye().transpose();
     let range = segment.inverse_depth_min..=segment.inverse_depth_max;
-    let exact = |(sample, packed): (&DepthPixel, &PackedDepthPixel)| ExactDepthPixel {
+    let exact = |(sample, packed): (&DepthPixel, &PackedDepthPixel)| UnquantisedDepthPixel {
         inverse_depth: sample.inverse_depth,
         normal: (face_from_world * sample.normal.decode().as_dvec3())
             .as_vec3()

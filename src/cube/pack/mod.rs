@@ -21,7 +21,7 @@ pub use blocks::BlockIndex;
 pub use decode::DecodedDepthPixel;
 pub use depth_pixel::{INVERSE_DEPTH_CODE_MAX, PackedDepthPixel, SplatIndexLayout};
 pub use encode::{PackError, Split};
-pub use exact::{ExactCube, ExactDepthPixel};
+pub use exact::{UnquantisedCube, UnquantisedDepthPixel};
 pub use layout::{CubeLdi, PackedSegment, SegmentSide};
 pub use mips::LazyMips;
 pub use plane_set::PlaneSet;

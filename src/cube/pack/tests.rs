@@ -4,8 +4,8 @@ use super::blocks::{BLOCK_COLUMNS, BLOCK_ROWS, BlockIndex};
 use super::file::CUBE_LDI;
 use super::validate::{PackedError, SegmentProblem};
 use super::{
-    CubeLdi, ExactCube, PackedDepthPixel, PackedSegment, Plane, PlaneSet, PlaneTile, SegmentSide,
-    SplatIndexLayout, Split,
+    CubeLdi, PackedDepthPixel, PackedSegment, Plane, PlaneSet, PlaneTile, SegmentSide,
+    SplatIndexLayout, Split, UnquantisedCube,
 };
 use crate::model::info::CaptureInfo;
 use crate::model::samples::{CubeSamples, DepthPixel, EncodedNormal, LayeredDepthImage};
@@ -134,7 +134,7 @@ fn packing_round_trips_samples() {
 fn exact_samples_keep_positions() {
     for layout in LAYOUTS {
         let ldi = scattered();
-        let exact = ExactCube::pack(&ldi, layout, Split::AtDepth(1.25)).expect("packs");
+        let exact = UnquantisedCube::pack(&ldi, layout, Split::AtDepth(1.25)).expect("packs");
         for (segment, exact) in exact.cube.segments.iter().zip(&exact.depth_pixels) {
             assert_eq!(exact.len(), segment.depth_pixels.len());
             for (a, b) in exact.iter().zip(&segment.depth_pixels) {

@@ -62,7 +62,7 @@ pub fn pack(
 ///
 /// # Errors
 /// See [`CubeLdi::pack`].
-pub fn pack_in_parts(
+pub fn pack_keeping_all_textures(
     ldi: CubeSamples,
     layout: SplatIndexLayout,
     split: Split,

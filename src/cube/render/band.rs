@@ -1,6 +1,6 @@
 //! Rendering of one band of a frame by one thread, from its first splat to its last pixel.
 
-use crate::pack::{CubeLdi, ExactDepthPixel, PackedDepthPixel};
+use crate::pack::{CubeLdi, PackedDepthPixel, UnquantisedDepthPixel};
 use crate::render::canvas;
 use crate::render::canvas::Canvas;
 use crate::render::canvas::depth::DepthCanvas;
@@ -29,7 +29,7 @@ pub struct BandRenderer {
     target: SplatTarget,
     batch: Box<Batch<PackedDepthPixel>>,
     /// Allocated on first use.
-    exact_batch: Option<Box<Batch<ExactDepthPixel>>>,
+    exact_batch: Option<Box<Batch<UnquantisedDepthPixel>>>,
     visible: Vec<bool>,
 }
 
@@ -159,7 +159,7 @@ impl BandRenderer {
         &mut self,
         plan: &FramePlan,
         cube: &CubeLdi,
-        exact: &[Vec<ExactDepthPixel>],
+        exact: &[Vec<UnquantisedDepthPixel>],
         i: usize,
         part: FacePart,
     ) {

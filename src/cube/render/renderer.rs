@@ -1,6 +1,6 @@
 //! Rendering of frames in bands of rows, on all threads (docs/decisions/0053).
 
-use crate::pack::{CubeLdi, ExactCube, ExactDepthPixel};
+use crate::pack::{CubeLdi, UnquantisedCube, UnquantisedDepthPixel};
 use crate::render::band::BandRenderer;
 use crate::render::planes::DepthLayer;
 use crate::render::resolve::composite::{Pixels, depth_chunks};
@@ -50,7 +50,7 @@ impl Default for Renderer {
 pub(super) struct Source<'a> {
     pub(super) cube: &'a CubeLdi,
     /// Depth pixels of each segment that replace the packed ones.
-    pub(super) exact: Option<&'a [Vec<ExactDepthPixel>]>,
+    pub(super) exact: Option<&'a [Vec<UnquantisedDepthPixel>]>,
     pub(super) inserted: Option<&'a DepthLayer<'a>>,
 }
 
@@ -131,7 +131,7 @@ impl Renderer {
     /// Renders a frame from unquantised depth pixels, to measure the effects of packing.
     pub fn render_exact(
         &mut self,
-        exact: &ExactCube,
+        exact: &UnquantisedCube,
         camera: &Camera,
         settings: &RenderSettings,
     ) -> (&Frame, &FrameStats) {

@@ -185,7 +185,9 @@ mod tests {
 
     use super::*;
     use crate::pack::tests::scattered;
-    use crate::pack::{ExactCube, ExactDepthPixel, PackedDepthPixel, SplatIndexLayout, Split};
+    use crate::pack::{
+        PackedDepthPixel, SplatIndexLayout, Split, UnquantisedCube, UnquantisedDepthPixel,
+    };
     use crate::render::footprint::size::{FootprintLanes, Normals};
     use glam::DVec3;
     use headbox_core::camera::Camera;
@@ -236,8 +238,8 @@ mod tests {
 
     #[test]
     fn splats_that_touch_band_have_exact_positions() {
-        let exact =
-            ExactCube::pack(&scattered(), SplatIndexLayout::Normal, Split::None).expect("packs");
+        let exact = UnquantisedCube::pack(&scattered(), SplatIndexLayout::Normal, Split::None)
+            .expect("packs");
         let i = exact
             .cube
             .segments
@@ -338,8 +340,13 @@ mod tests {
                     SegmentWarp::new(&transfer, PackedDepthPixel::scale(segment), &band, level)
                         .warp_sized(&batch(packed, columns), &size, &mut splats);
                     check(&splats, &expected_of_packed);
-                    SegmentWarp::new(&transfer, ExactDepthPixel::scale(segment), &band, level)
-                        .warp_sized(&batch(exact, columns), &size, &mut splats);
+                    SegmentWarp::new(
+                        &transfer,
+                        UnquantisedDepthPixel::scale(segment),
+                        &band,
+                        level,
+                    )
+                    .warp_sized(&batch(exact, columns), &size, &mut splats);
                     check(&splats, &expected_of_exact);
                 }
             }

@@ -147,7 +147,7 @@ impl CubeView {
 
     /// Returns the default view of a cube LDI: from the centre, in the direction of its header, or
     /// toward the side with the most depth pixels.
-    pub fn start_in(cube: &CubeLdi) -> StartView {
+    pub fn default_view(cube: &CubeLdi) -> StartView {
         StartView {
             eye: cube.info.centre,
             forward: cube.info.ahead.unwrap_or_else(|| richest_side(cube)),
@@ -211,7 +211,7 @@ impl View for CubeView {
     }
 
     fn start(&self, _: [u32; 2]) -> StartView {
-        Self::start_in(&self.cube)
+        Self::default_view(&self.cube)
     }
 
     fn headbox(&self) -> Option<Headbox> {
@@ -296,7 +296,7 @@ impl View for CubeView {
         statistics
     }
 
-    fn radiance_of_levels(&self) -> Option<[f32; 256]> {
+    fn level_radiance(&self) -> Option<[f32; 256]> {
         let info = &self.cube.info;
         Some(std::array::from_fn(|level| {
             info.tone.exposed(level as u8) / info.exposure

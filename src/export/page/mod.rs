@@ -94,7 +94,7 @@ impl Page {
     ///
     /// # Errors
     /// [`ExportError::TooLarge`], or if the poster cannot be rendered.
-    pub fn of_house(house: &House, first: &Camera, name: &str) -> Result<Self, ExportError> {
+    pub fn from_house(house: &House, first: &Camera, name: &str) -> Result<Self, ExportError> {
         Self::from_content(house::content(house, first)?, name)
     }
 
@@ -102,7 +102,7 @@ impl Page {
     ///
     /// # Errors
     /// [`ExportError::TooLarge`], or if the poster cannot be rendered.
-    pub fn of_lumigraph(lumigraph: &Lumigraph, name: &str) -> Result<Self, ExportError> {
+    pub fn from_lumigraph(lumigraph: &Lumigraph, name: &str) -> Result<Self, ExportError> {
         Self::from_content(lumigraph::content(lumigraph)?, name)
     }
 
@@ -110,7 +110,7 @@ impl Page {
     ///
     /// # Errors
     /// [`ExportError::Empty`], [`ExportError::TooLarge`], or if the poster cannot be rendered.
-    pub fn of_sprites(set: &SpriteSet, name: &str) -> Result<Self, ExportError> {
+    pub fn from_sprites(set: &SpriteSet, name: &str) -> Result<Self, ExportError> {
         Self::from_content(sprite::content(set)?, name)
     }
 

@@ -106,7 +106,7 @@ impl CubeJob<'_> {
             tolerance: self.tolerance(),
         };
         repair.run(&mut cube.faces);
-        primitives::pack_in_parts(cube, SplatIndexLayout::Normal, Split::Auto, ERROR_PX)
+        primitives::pack_keeping_all_textures(cube, SplatIndexLayout::Normal, Split::Auto, ERROR_PX)
     }
 
     /// Traces a batch. Returns its samples, each with its row, and the environment texels of rays

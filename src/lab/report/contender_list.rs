@@ -15,7 +15,7 @@ use crate::plan::{EyeSet, Place, Plan};
 use headbox_core::camera::Camera;
 use headbox_core::progress::{Progress, Silent};
 use headbox_cube::model::samples::CubeSamples;
-use headbox_cube::pack::{CubeLdi, ExactCube, SplatIndexLayout, Split};
+use headbox_cube::pack::{CubeLdi, SplatIndexLayout, Split, UnquantisedCube};
 use headbox_cube::planes::DEFAULT_ERROR_PX;
 use headbox_cube::render::RenderSettings;
 use headbox_cube::render::footprint::splat::SplatKernel;
@@ -304,7 +304,7 @@ impl<'a> ContenderList<'a> {
             (PACKING, SplatKernel::Tent),
             (OPAQUE_PACKING, SplatKernel::Opaque),
         ] {
-            let exact = ExactCube::pack(&capture.ldi, SplatIndexLayout::Normal, Split::Auto)?;
+            let exact = UnquantisedCube::pack(&capture.ldi, SplatIndexLayout::Normal, Split::Auto)?;
             let settings = RenderSettings {
                 kernel,
                 ..RenderSettings::default()

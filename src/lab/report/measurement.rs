@@ -4,9 +4,9 @@ use super::contender::{Contender, ContenderFrame, Role};
 use super::row::{DisplacementError, Row, WorstFrame};
 use crate::plan::{Eye, EyeSet, Place};
 use crate::stats::{Spread, mean, pooled_psnr_db, psnr_from_mse};
-use crate::turns::{in_turns, least, time_ms};
+use crate::turns::{least, run_in_turns, time_ms};
 use headbox_core::metrics;
-use headbox_core::metrics::{Comparison, MetricError, OwnError};
+use headbox_core::metrics::{Comparison, MetricError, UnbiasedError};
 use headbox_core::progress::Progress;
 use headbox_core::statistics::median;
 use headbox_trace::truth::Truth;
@@ -64,7 +64,7 @@ pub fn draw_in_turns(
             }));
             progress.advance(1);
         }
-        let times = in_turns(contenders, rounds, |index, contender| {
+        let times = run_in_turns(contenders, rounds, |index, contender| {
             progress.advance(1);
             let drawn = &mut rounds_drawn[index];
             if !eye.belongs_to(contender.eyes) || (slow[index] && *drawn >= SLOW_ROUNDS) {
@@ -273,7 +273,7 @@ impl RowErrors<'_> {
             let [first, second] = &self.truths[i].halves();
             metrics::own_error([first, second], picture)
         };
-        let errors: Vec<OwnError> = pictures.map(own).collect::<Result<_, _>>()?;
+        let errors: Vec<UnbiasedError> = pictures.map(own).collect::<Result<_, _>>()?;
         let mse = mean(errors.iter().map(|error| error.mse));
         let variance: f64 = errors
             .iter()

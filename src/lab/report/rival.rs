@@ -4,7 +4,7 @@ use super::contender_list::DefaultCapture;
 use super::subject::{ReportError, Subject};
 use crate::embree::{Embree, PROGRAM};
 use crate::plan::{EyeSet, Plan};
-use crate::turns::{in_turns, least, time_ms};
+use crate::turns::{least, run_in_turns, time_ms};
 use headbox_core::statistics::median;
 use headbox_cube::pack::CubeLdi;
 use headbox_cube::render::footprint::splat::SplatKernel;
@@ -91,7 +91,7 @@ pub(super) fn measure(
     let mut times_ms: Vec<Vec<f64>> = vec![Vec::new(); renderers.len()];
     for eye in plan.eyes.iter().filter(|eye| eye.belongs_to(EyeSet::All)) {
         let mut failed = None;
-        let times = in_turns(&mut renderers, ROUNDS, |_, renderer| match renderer {
+        let times = run_in_turns(&mut renderers, ROUNDS, |_, renderer| match renderer {
             TimedRenderer::Ldi(renderer, settings, cube) => Some(pool.install(|| {
                 time_ms(|| {
                     renderer.render_with_stats(cube, &eye.camera, settings);

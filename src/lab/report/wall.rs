@@ -151,7 +151,7 @@ impl Wall {
         progress: &dyn Progress,
     ) -> Result<Option<WallImages>, ReportError> {
         let start = Instant::now();
-        let positions = CameraGrid::evenly(cameras, 2.0 * self.half_size_m);
+        let positions = CameraGrid::even_positions(cameras, 2.0 * self.half_size_m);
         let grid = CameraGrid::new(GridParts {
             columns: positions.clone(),
             rows: positions,

@@ -61,7 +61,7 @@ pub(super) fn capture(
         ..CaptureSpec::new(SceneSource::new("stability"), centre, half_size_m)
     };
     let tracer = Tracer::new(scene, centre);
-    let lighting = Lighting::of_scene(&tracer, 0);
+    let lighting = Lighting::unmetered(&tracer, 0);
     let (ldi, _) = SceneCapture::new(&spec, &tracer, &lighting, &RunOptions::default())
         .run()
         .ok()?;
@@ -113,7 +113,7 @@ impl CapturedRoom {
 
     /// Renders the ray-traced truth of a camera, without light, like the capture.
     pub(super) fn truth(&self, camera: &Camera) -> RgbImage {
-        let lighting = Lighting::of_scene(&self.tracer, 0);
+        let lighting = Lighting::unmetered(&self.tracer, 0);
         headbox_trace::truth::render(&self.tracer, &lighting, false, camera, 8, &Silent).rgb()
     }
 }

@@ -116,7 +116,7 @@ fn bump(columns: &[f64], rows: &[f64], layers: usize) -> Option<Lumigraph> {
         convergence: 0.3,
     };
     let tracer = Tracer::new(Arc::new(headbox_scenes::build("bump", 0)?), origin);
-    let lighting = Lighting::of_scene(&tracer, 0);
+    let lighting = Lighting::unmetered(&tracer, 0);
     let capture = LumigraphCapture {
         tracer: &tracer,
         lighting: &lighting,

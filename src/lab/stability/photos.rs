@@ -11,7 +11,7 @@ use headbox_cube::model::parameters::MergeRule;
 use headbox_images::{
     DepthPicture, DepthSource, Distortion, ImageSet, Lens, Pinhole, Pose, View, write_depth_exr,
 };
-use headbox_ldi::from_images::{ImagesJob, NearImages};
+use headbox_ldi::from_images::{ImageSetCapture, NearestImages};
 use headbox_photos::view_geometry::{
     GeometryRenderer, GeometryResources, GeometrySettings, NodeMesh, RankWeights, SampleGrid,
     ViewGeometry, WaitPolicy,
@@ -155,7 +155,7 @@ fn pairs_out_of_order(order: &[usize], keys: &[f64], poses: &[Pose], rounding: f
     order.windows(2).filter(is_wrong).count() as f64
 }
 
-/// Counts the pairs that [`NearImages`] ranks in the wrong order.
+/// Counts the pairs that [`NearestImages`] ranks in the wrong order.
 fn near_images(seed: u64, depth_m: f32) -> Option<f64> {
     const CORNERS: usize = 8;
     let mut rng = case_rng(seed, 111);
@@ -172,14 +172,14 @@ fn near_images(seed: u64, depth_m: f32) -> Option<f64> {
         }
         let folder = tempfile::tempdir().ok()?;
         let set = image_set(folder.path(), &poses, depth_m)?;
-        let job = ImagesJob {
+        let job = ImageSetCapture {
             centre: middle,
             half_size_m: 0.1,
             face_size_px: 8,
             merge_rule: MergeRule::Average,
             depth_noise: 0.0,
         };
-        let near = NearImages::new(set, job, 1 << 20).ok()?;
+        let near = NearestImages::new(set, job, 1 << 20).ok()?;
         let median_depth_m = if depth_m.is_nan() {
             1.0
         } else {

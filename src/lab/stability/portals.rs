@@ -103,7 +103,7 @@ fn largest_culling_change(
         };
         let (eye, forward) = aim(&mut rng, &opening);
         // From an eye in a wall, nothing is culled.
-        if house.cell_of_eye(eye).is_some() && forward.length() > 0.1 {
+        if house.find_cell(eye).is_some() && forward.length() > 0.1 {
             let camera = look_along(eye, forward, FOV_Y_DEG, [WIDTH, HEIGHT]).ok()?;
             changes.push(Some(changed_by_culling(house, &camera)));
         }

@@ -24,7 +24,7 @@ pub use threads::ThreadRow;
 
 use crate::machine::{Machine, commit};
 use crate::stats::{Spread, psnr_from_mse};
-use crate::turns::in_turns;
+use crate::turns::run_in_turns;
 use headbox_core::camera::{Camera, CameraError};
 use headbox_core::progress::{Progress, Silent};
 use headbox_cube::render::RenderSettings;
@@ -307,7 +307,7 @@ impl VariantRun {
 
 /// Times `repeats` frames of every variant and records the fastest.
 fn time_pose(runs: &mut [VariantRun], house: &House, store: &Store, camera: &Camera, repeats: u32) {
-    let stats = in_turns(runs, repeats.max(1), |_, run| {
+    let stats = run_in_turns(runs, repeats.max(1), |_, run| {
         let (_, stats) = run.walker.frame(house, store, camera, &run.settings);
         Some(stats.clone())
     });

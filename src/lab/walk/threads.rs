@@ -4,7 +4,7 @@
 
 use super::{MeasureError, share};
 use crate::baselines::fragments::FragmentRenderer;
-use crate::turns::{in_turns, time_ms};
+use crate::turns::{run_in_turns, time_ms};
 use glam::DVec3;
 use headbox_core::camera::Camera;
 use headbox_cube::pack::CubeLdi;
@@ -232,7 +232,7 @@ fn times(
     for camera in cameras {
         walker.frame(house, store, camera, settings);
         let views = views(house, store, camera, settings, &walker);
-        let times = in_turns(renderers, REPEATS, |_, renderer| {
+        let times = run_in_turns(renderers, REPEATS, |_, renderer| {
             Some(renderer.draw(house, store, camera, settings, &mut walker, &views))
         });
         for (sum, times) in sums.iter_mut().zip(times) {

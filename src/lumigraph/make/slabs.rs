@@ -158,7 +158,7 @@ mod tests {
 
     /// Planes turned by -30, 0 and 30 degrees.
     fn three(size: u32) -> (Bed, Slabs) {
-        let places = CameraGrid::evenly(3, 0.8);
+        let places = CameraGrid::even_positions(3, 0.8);
         let bed = Bed::new(places.clone(), places, [size, size]);
         let slab = |degrees: f64| {
             let raw = bed

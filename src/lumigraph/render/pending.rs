@@ -3,7 +3,7 @@
 use super::plan::Paint;
 use super::pyramid::{Level, Pyramid};
 use super::rays::{Rays, TexelPositions};
-use super::show::Show;
+use super::show::LumigraphOverlay;
 use super::taps::{LANES, add_taps, nearest};
 use fearless_simd::{Simd, f32x16, i32x16, mask32x16, prelude::*, u32x16};
 
@@ -118,11 +118,13 @@ impl<S: Simd> Pending<S> {
                 ),
                 Some(paint) => {
                     let numbers = match paint.show {
-                        Show::Cameras => {
+                        LumigraphOverlay::Cameras => {
                             let stride = pyramid.stride.max(1) as u32;
                             rays.base[k].to_array().map(|base| base / stride)
                         }
-                        Show::Merged => self.indices[1].bitcast::<u32x16<S>>().to_array(),
+                        LumigraphOverlay::Merged => {
+                            self.indices[1].bitcast::<u32x16<S>>().to_array()
+                        }
                         _ => {
                             let index =
                                 nearest(simd, &pyramid.texels, self.level, rays.base[k], at, shows);

@@ -4,7 +4,7 @@
 use super::cells::{Batch, Bundle, Cells};
 use super::layer_in_view::{LayerInView, MergedLayer};
 use super::merge::Merger;
-use super::show::{Show, depth_color, palette_color};
+use super::show::{LumigraphOverlay, depth_color, palette_color};
 use super::taps::LANES;
 use crate::Lumigraph;
 use crate::bounds::ErrorBound;
@@ -144,21 +144,21 @@ fn distance_outside_grid(lumigraph: &Lumigraph, view: &PlaneView) -> f64 {
 /// Colours of an overlay by layer or camera number.
 pub(super) struct Paint {
     /// Never [`Show::Colors`].
-    pub(super) show: Show,
+    pub(super) show: LumigraphOverlay,
     /// Linear red, green and blue, 65535 for 1.
     pub(super) colors: Vec<[f32; 3]>,
 }
 
 impl Paint {
-    fn new(lumigraph: &Lumigraph, show: Show) -> Option<Self> {
+    fn new(lumigraph: &Lumigraph, show: LumigraphOverlay) -> Option<Self> {
         let layers = lumigraph.layers().len();
         let colors = match show {
-            Show::Colors => return None,
-            Show::Layers => (0..=layers)
+            LumigraphOverlay::Colors => return None,
+            LumigraphOverlay::Layers => (0..=layers)
                 .map(|i| depth_color(i as f32 / layers.max(1) as f32))
                 .collect(),
-            Show::Merged => (0..=layers as u32).map(palette_color).collect(),
-            Show::Cameras => (0..lumigraph.grid().camera_count() as u32)
+            LumigraphOverlay::Merged => (0..=layers as u32).map(palette_color).collect(),
+            LumigraphOverlay::Cameras => (0..lumigraph.grid().camera_count() as u32)
                 .map(palette_color)
                 .collect(),
         };

@@ -5,7 +5,7 @@ use serde::Serialize;
 /// Content of a frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Show {
+pub enum LumigraphOverlay {
     /// The scene.
     #[default]
     Colors,
@@ -17,15 +17,12 @@ pub enum Show {
     Cameras,
 }
 
-impl Show {
-    /// All overlays with their names in the window.
-    pub const ALL: [(&'static str, Self); 4] = [
-        ("none", Self::Colors),
-        ("layer", Self::Layers),
-        ("merged layers", Self::Merged),
-        ("camera", Self::Cameras),
-    ];
-}
+headbox_core::named_variants!(LumigraphOverlay {
+    Colors => "none",
+    Layers => "layer",
+    Merged => "merged layers",
+    Cameras => "camera",
+});
 
 /// Returns the palette colour of a number: hues in steps of the golden ratio. Linear light, 65535
 /// for 1.

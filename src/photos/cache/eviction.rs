@@ -14,9 +14,9 @@ const ENDINGS: [&str; 4] = ["samples", "registration", "poses", "truth"];
 /// Lock on a cached file: neither this process nor another of ours removes it until this is
 /// dropped.
 #[derive(Debug)]
-pub struct InUse(#[expect(dead_code, reason = "the lock goes with the file")] File);
+pub struct FileLock(#[expect(dead_code, reason = "the lock goes with the file")] File);
 
-impl InUse {
+impl FileLock {
     /// Locks a file and marks it as used now.
     ///
     /// # Errors
@@ -102,8 +102,8 @@ mod tests {
             (0, 5),
             "they fit"
         );
-        let held = InUse::of(&file(1)).expect("in use");
-        drop(InUse::of(&file(0)).expect("used now"));
+        let held = FileLock::of(&file(1)).expect("in use");
+        drop(FileLock::of(&file(0)).expect("used now"));
         assert_eq!(evict_to(folder.path(), 250), 3);
         assert_eq!(left(), [0, 1], "0 was used last, 1 is in use");
         assert_eq!((evict_to(folder.path(), 0), left()), (1, vec![1]));
@@ -114,6 +114,6 @@ mod tests {
             "what is not ours"
         );
         assert_eq!(evict_to(&folder.path().join("nowhere"), 0), 0);
-        assert!(InUse::of(&file(0)).is_err());
+        assert!(FileLock::of(&file(0)).is_err());
     }
 }

@@ -10,7 +10,7 @@ mod eviction;
 mod refinement;
 mod registration;
 
-pub use eviction::{InUse, MOST_BYTES, evict_to};
+pub use eviction::{FileLock, MOST_BYTES, evict_to};
 pub use refinement::refine_poses;
 pub use registration::register;
 
@@ -125,7 +125,7 @@ fn read_or_make<T, E>(
         .map_or((None, None), |file| read(file, open));
     if let Some(kept) = kept {
         // It was read; failing to mark it as used does no harm.
-        let _ = file.as_deref().map(InUse::of);
+        let _ = file.as_deref().map(FileLock::of);
         return Ok((kept, CacheOrigin { kept: true, note }));
     }
     let made = make()?;

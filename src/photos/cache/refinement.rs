@@ -91,7 +91,7 @@ fn open(path: &Path, views: usize) -> Result<CachedPoses, FileError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    pub(crate) use crate::view_geometry::tests::{plane_view, saved, set_of};
+    pub(crate) use crate::view_geometry::tests::{image_set, plane_view, saved};
     use glam::DVec3;
 
     #[test]
@@ -110,7 +110,7 @@ mod tests {
         };
         let views: Vec<_> = (0..5).map(view).collect();
         let refine = |views: &[_]| {
-            let mut set = set_of(pictures.path(), views);
+            let mut set = image_set(pictures.path(), views);
             let (report, was) =
                 refine_poses(&mut set, Some(cache.path()), &|_| {}).expect("refines");
             (report, was, set.views)

@@ -184,7 +184,7 @@ fn read_report(record: ReportRecord) -> Option<RegistrationReport> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    pub(crate) use crate::view_geometry::tests::{plane_view, saved, set_of};
+    pub(crate) use crate::view_geometry::tests::{image_set, plane_view, saved};
     use glam::{DMat3, DVec3};
     use headbox_images::Pose;
 
@@ -254,7 +254,7 @@ mod tests {
         };
         let views: Vec<_> = (0..6).map(view).collect();
         let register = |views: &[_]| {
-            let mut set = set_of(pictures.path(), views);
+            let mut set = image_set(pictures.path(), views);
             let (report, was) = register(&mut set, Some(cache.path()), &|_| {}).expect("registers");
             (report, was, set.views)
         };

@@ -135,7 +135,7 @@ impl GeometryRenderer {
 
 #[cfg(test)]
 mod tests {
-    pub(crate) use super::super::tests::{frame_at, grid, opened, plane_view, view_of};
+    pub(crate) use super::super::tests::{frame_at, grid, make_view, opened, plane_view};
     use super::super::{GeometrySettings, SampleGrid, Texturing, WaitPolicy};
     use super::*;
     use glam::DVec3;
@@ -246,7 +246,7 @@ mod tests {
                     3.0
                 }
             };
-            view_of(DVec3::new(eye, 0.0, 0.0), depth, |_, _| [90; 3], size)
+            make_view(DVec3::new(eye, 0.0, 0.0), depth, |_, _| [90; 3], size)
         });
         let (_folder, geometry) = opened(&views, &grid(2, 3));
         let frame = frame_at(DVec3::ZERO, size);

@@ -20,18 +20,17 @@ pub(super) enum GeometryOverlay {
     Age,
 }
 
-impl GeometryOverlay {
-    /// All overlays, with their names in the window's panel and in scripts.
-    pub(super) const ALL: [(&'static str, Self); 7] = [
-        ("none", Self::None),
-        ("holes", Self::Holes),
-        ("coverage", Self::Coverage),
-        ("camera", Self::Camera),
-        ("owners", Self::Owners),
-        ("mesh", Self::Mesh),
-        ("age", Self::Age),
-    ];
+headbox_core::named_variants!(GeometryOverlay {
+    None => "none",
+    Holes => "holes",
+    Coverage => "coverage",
+    Camera => "camera",
+    Owners => "owners",
+    Mesh => "mesh",
+    Age => "age",
+});
 
+impl GeometryOverlay {
     /// Paints the overlay of a renderer's last frame; returns the legend.
     pub(super) fn paint(
         self,

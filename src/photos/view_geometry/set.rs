@@ -1,6 +1,6 @@
 //! Image set prepared for rendering: its cameras with their samples, and the image store.
 
-use crate::cache::{self, InUse};
+use crate::cache::{self, FileLock};
 use crate::view_geometry::cameras::picture::Picture;
 use crate::view_geometry::cameras::sample_cache;
 use crate::view_geometry::cameras::samples::{SampleGrid, Samples};
@@ -108,7 +108,7 @@ pub struct ViewGeometry {
     pub frame: FileFrame,
     folder: PathBuf,
     /// Lock on the file that samples are mapped from.
-    _in_use: Option<InUse>,
+    _in_use: Option<FileLock>,
     notes: Vec<String>,
 }
 
@@ -174,7 +174,7 @@ impl ViewGeometry {
             origin,
             file.clone(),
         ));
-        let in_use = file.as_deref().and_then(|file| InUse::of(file).ok());
+        let in_use = file.as_deref().and_then(|file| FileLock::of(file).ok());
         if let Some(folder) = cache {
             cache::evict_to(folder, cache::MOST_BYTES);
         }

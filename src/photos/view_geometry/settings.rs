@@ -19,32 +19,13 @@ pub enum Texturing {
     Averaged,
 }
 
-impl Texturing {
-    /// All variants with their names on the command line and in reports.
-    pub const ALL: [(&str, Self); 5] = [
-        ("geometry-nearest", Self::Nearest),
-        ("geometry-single", Self::Single),
-        ("geometry-multi", Self::Multi),
-        ("geometry-blended", Self::Blended),
-        ("geometry-averaged", Self::Averaged),
-    ];
-
-    /// Returns the variant with a name.
-    pub fn from_name(name: &str) -> Option<Self> {
-        Self::ALL
-            .iter()
-            .find(|(known, _)| *known == name)
-            .map(|(_, texturing)| *texturing)
-    }
-
-    /// Returns the name of the variant.
-    pub fn name(self) -> &'static str {
-        Self::ALL
-            .iter()
-            .find(|(_, known)| *known == self)
-            .map_or("", |(name, _)| name)
-    }
-}
+headbox_core::named_variants!(Texturing {
+    Nearest => "geometry-nearest",
+    Single => "geometry-single",
+    Multi => "geometry-multi",
+    Blended => "geometry-blended",
+    Averaged => "geometry-averaged",
+});
 
 /// Settings of a frame: time against quality (E11).
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]

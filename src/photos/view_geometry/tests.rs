@@ -12,7 +12,7 @@ use headbox_core::depth_kind::DepthKind;
 use headbox_core::frame::Frame;
 use headbox_core::progress::Silent;
 use headbox_core::simd;
-pub(crate) use headbox_fixtures::{frame_at, pattern, plane_view, saved, set_of, view_of};
+pub(crate) use headbox_fixtures::{frame_at, image_set, make_view, pattern, plane_view, saved};
 use headbox_images::{DepthSource, Distortion, Lens, LoadedView, Pinhole, Pose, View};
 use std::path::Path;
 
@@ -36,7 +36,7 @@ fn open(
     grid: &SampleGrid,
     budget: usize,
 ) -> Result<ViewGeometry, GeometryError> {
-    let set = set_of(folder, views);
+    let set = image_set(folder, views);
     let resources = GeometryResources {
         grid: *grid,
         budget,
@@ -160,7 +160,7 @@ fn pixels_match_f64_oracle() {
                 color[number] += 80.0;
                 color.map(|c| c as u8)
             };
-            view_of(*eye, depth, color, SIZE)
+            make_view(*eye, depth, color, SIZE)
         })
         .collect();
     let (_folder, geometry) = opened(&views, &DEFAULT);
@@ -244,7 +244,7 @@ fn square_before_wall(eye: DVec3) -> LoadedView {
         (eye.x + u * 1.5).abs() < 0.3 && (eye.y - v * 1.5).abs() < 0.3
     };
     let depth = move |x, y| if is_square(x, y) { 1.5 } else { 3.0 };
-    view_of(
+    make_view(
         eye,
         depth,
         move |x, y| {
@@ -303,7 +303,8 @@ fn same_bytes_on_any_threads_and_level() {
     let (_folder, geometry) = opened(&views, &DEFAULT);
     // An odd width, so that the last pixels of a row are fewer than the others.
     let camera = frame_at(DVec3::new(0.12, 0.04, 0.0), [317, 203]);
-    for (name, texturing) in Texturing::ALL {
+    for texturing in Texturing::ALL {
+        let name = texturing.name();
         let on = |threads: usize, level: Level| {
             let pool = rayon::ThreadPoolBuilder::new()
                 .num_threads(threads)
@@ -359,7 +360,7 @@ fn hard_sets_give_a_frame() {
         ..plane()
     };
     let holes = |of: u32| {
-        view_of(
+        make_view(
             DVec3::ZERO,
             move |x, y| {
                 if (x / 7 + y / 5) % of == 0 {
@@ -372,7 +373,7 @@ fn hard_sets_give_a_frame() {
             SIZE,
         )
     };
-    let depth = |depth: f32| view_of(DVec3::ZERO, move |_, _| depth, |_, _| [90; 3], SIZE);
+    let depth = |depth: f32| make_view(DVec3::ZERO, move |_, _| depth, |_, _| [90; 3], SIZE);
     let sets: [(&str, Vec<LoadedView>, bool); 9] = [
         ("one camera", vec![plane()], true),
         ("identical poses", vec![plane(), plane(), plane()], true),
@@ -394,7 +395,7 @@ fn hard_sets_give_a_frame() {
     ];
     for (name, views, shows) in sets {
         let (_folder, geometry) = opened(&views, &DEFAULT);
-        for (_, texturing) in Texturing::ALL {
+        for texturing in Texturing::ALL {
             let (frame, stats) = frame(&geometry, &camera, &settings(texturing));
             let covered = frame
                 .coverage

@@ -42,7 +42,7 @@ impl GeometryView {
         Self {
             geometry,
             renderer: GeometryRenderer::new(),
-            start: StartView::of_camera(start),
+            start: StartView::from_camera(start),
             initial,
             budget: TimeBudget::new(f64::from(FRAME_MS)),
             painted: Frame::default(),
@@ -58,7 +58,7 @@ impl GeometryView {
     fn settings_from(initial: &GeometrySettings) -> Vec<Setting> {
         let selected = Texturing::ALL
             .iter()
-            .position(|(_, texturing)| *texturing == initial.texturing)
+            .position(|texturing| *texturing == initial.texturing)
             .unwrap_or(0);
         vec![
             Setting::choice_at(
@@ -66,7 +66,7 @@ impl GeometryView {
                 "Texturing",
                 "Whose picture colours the mesh: the nearest as it is, the best alone, the best of each triangle's corners, these \
                  blended, or the mean of the best that see a point (no unit).",
-                &Texturing::ALL.map(|(name, _)| name),
+                &Texturing::ALL.map(Texturing::name),
                 selected,
             )
             .with_flag("variant"),
@@ -107,7 +107,7 @@ impl GeometryView {
                 "Overlay",
                 "What is painted: the frame, its holes in magenta, how many cameras see a place, its pixels by camera, by how \
                  many cameras own a triangle, the mesh, or how long pictures have been at hand.",
-                &GeometryOverlay::ALL.map(|(name, _)| name),
+                &GeometryOverlay::ALL.map(GeometryOverlay::name),
             )
             .with_flag(OVERLAY),
         ]
@@ -115,7 +115,7 @@ impl GeometryView {
 
     fn read_settings(&self, request: &FrameRequest) -> Result<GeometrySettings, String> {
         let values = &request.settings;
-        let (_, texturing) = Texturing::ALL
+        let texturing = Texturing::ALL
             .get(values.choice("texturing")?)
             .copied()
             .unwrap_or(Texturing::ALL[0]);
@@ -214,7 +214,8 @@ impl View for GeometryView {
         };
         let overlay = GeometryOverlay::ALL
             .get(request.settings.choice(OVERLAY)?)
-            .map_or(GeometryOverlay::None, |(_, overlay)| *overlay);
+            .copied()
+            .unwrap_or(GeometryOverlay::None);
         if overlay == GeometryOverlay::None {
             let frame = self.renderer.frame();
             return Ok(Rendered { frame, report });

@@ -64,9 +64,9 @@ impl EvidenceRow {
     #[inline]
     pub(super) fn color_srgb(&self, column: usize) -> Option<[u8; 3]> {
         let i = column.checked_sub(self.start)?;
-        let is_seen = self.variances.get(i)?.is_finite();
+        let is_visible = self.variances.get(i)?.is_finite();
         let [r, g, b, _] = self.colors_srgb.get(i)?.to_le_bytes();
-        is_seen.then_some([r, g, b])
+        is_visible.then_some([r, g, b])
     }
 }
 

@@ -129,7 +129,7 @@ impl PhotographsJob {
         views: &[&View],
         progress: &dyn Progress,
     ) -> Result<CubeSamples, ImagesError> {
-        self.run_smaller(set, views, 1, progress)
+        self.run_downscaled(set, views, 1, progress)
     }
 
     /// Same as [`Self::run`] with photographs reduced by a factor, and a cube as much coarser:
@@ -137,7 +137,7 @@ impl PhotographsJob {
     ///
     /// # Errors
     /// As [`Self::run`].
-    pub fn run_smaller(
+    pub fn run_downscaled(
         &self,
         set: &ImageSet,
         views: &[&View],

@@ -140,9 +140,9 @@ impl WindowSums {
                 .iter_mut()
                 .zip(&mut sums.counts[from..]);
             for ((sum, count), &variance) in to.zip(&row.variances[skipped..]) {
-                let is_seen = variance < f32::INFINITY;
-                *sum += if is_seen { variance } else { 0.0 };
-                *count += if is_seen { 1.0 } else { 0.0 };
+                let is_visible = variance < f32::INFINITY;
+                *sum += if is_visible { variance } else { 0.0 };
+                *count += if is_visible { 1.0 } else { 0.0 };
             }
         }
         sums

@@ -8,7 +8,7 @@ use headbox_images::planar_layers::{PlanarLayer, PlanarLayers};
 ///
 /// # Errors
 /// Those of [`DepthImport::build`].
-pub fn sprites_of_layers(
+pub fn sprites_from_layers(
     layers: &PlanarLayers,
     format: DisplacementFormat,
 ) -> Result<Vec<SpriteWithDepth>, SpriteError> {

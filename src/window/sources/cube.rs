@@ -93,14 +93,14 @@ impl CubeSource {
         };
         Ok(Self {
             live: Some(live),
-            ..Self::to_come(format!("{name} (live capture)"), place)
+            ..Self::without_cube(format!("{name} (live capture)"), place)
         })
     }
 
     /// Creates the source of a cube made of the images in `folder`, to be replaced as the eye
     /// moves.
-    pub(super) fn of_images(cube: CubeLdi, folder: &Path) -> Self {
-        let start = CubeView::start_in(&cube);
+    pub(super) fn from_images(cube: CubeLdi, folder: &Path) -> Self {
+        let start = CubeView::default_view(&cube);
         let place = Place {
             centre: start.eye,
             half_size_m: cube.info.half_size_m,
@@ -109,13 +109,13 @@ impl CubeSource {
             frame: cube.info.frame,
         };
         let title = format!("{} (cube LDI)", file_name(folder));
-        let mut source = Self::to_come(title, place);
+        let mut source = Self::without_cube(title, place);
         source.show(cube);
         source
     }
 
     /// Creates a source without a cube, which [`Self::show`] will set.
-    pub(super) fn to_come(title: String, place: Place) -> Self {
+    pub(super) fn without_cube(title: String, place: Place) -> Self {
         Self {
             title,
             place,

@@ -91,7 +91,7 @@ impl HouseSource {
     /// One sentence.
     pub(super) fn builtin() -> Result<Self, String> {
         let mut model = scenes::house(0, BUILTIN_TRIANGLES);
-        model.mend();
+        model.repair();
         Self::of_model("builtin:house".into(), model)
     }
 

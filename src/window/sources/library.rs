@@ -16,8 +16,8 @@ use headbox_core::view::View;
 use headbox_cube::pack::{CubeLdi, SplatIndexLayout, Split};
 use headbox_images::ImageSet;
 use headbox_images::deep_exr::DeepImage;
-use headbox_ldi::from_deep::{DeepPlace, FromDeepError, cube as cube_of_deep};
-use headbox_ldi::from_images::NearImages;
+use headbox_ldi::from_deep::{DeepCameraOptions, FromDeepError, cube as cube_of_deep};
+use headbox_ldi::from_images::NearestImages;
 use headbox_ldi::scene_source::SceneSource;
 use headbox_scenes as scenes;
 use headbox_trace::bvh::Tracer;
@@ -112,7 +112,7 @@ pub fn show_cube(cube: CubeLdi, origin: &Path) -> Box<dyn FrameSource> {
 fn deep_picture(path: &Path) -> Result<CubeLdi, String> {
     let image = DeepImage::read(path).map_err(|error| error.to_string())?;
     let with_path = |error: &dyn Display| format!("{}: {error}", path.display());
-    let cube = cube_of_deep(&image, DeepPlace::default()).map_err(|error| match error {
+    let cube = cube_of_deep(&image, DeepCameraOptions::default()).map_err(|error| match error {
         FromDeepError::View => with_path(&format!(
             "{error} (headbox capture {} --fov DEG -o F.ldi)",
             path.display()
@@ -128,7 +128,7 @@ fn deep_picture(path: &Path) -> Result<CubeLdi, String> {
 /// # Errors
 /// [`OpenError::Scene`] if an image cannot be read, or no thread can be started.
 pub fn show_live(
-    near: NearImages,
+    near: NearestImages,
     origin: &Path,
     start: &Camera,
 ) -> Result<Box<dyn FrameSource>, OpenError> {
@@ -241,7 +241,7 @@ impl Library for SceneLibrary {
             let lighting = if lit {
                 &lighting
             } else {
-                &Lighting::of_scene(&tracer, 0)
+                &Lighting::unmetered(&tracer, 0)
             };
             truth::render(
                 &tracer,

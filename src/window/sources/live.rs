@@ -9,7 +9,7 @@ use super::cube::CubeSource;
 use headbox_core::camera::Camera;
 use headbox_core::task::{Shared, Task, low_priority_pool};
 use headbox_cube::pack::{CubeLdi, SplatIndexLayout, Split};
-use headbox_ldi::from_images::NearImages;
+use headbox_ldi::from_images::NearestImages;
 use headbox_viewer::{
     EyeBounds, Fact, Figure, FrameReport, FrameRequest, FrameSource, Pose, Refinement, Setting,
 };
@@ -50,12 +50,12 @@ impl LiveSource {
     /// One sentence, if an image cannot be read or the thread cannot be started.
     pub(super) fn new(
         title: String,
-        mut near: NearImages,
+        mut near: NearestImages,
         folder: &Path,
         start: &Camera,
     ) -> Result<Self, String> {
-        let request = (*start, NearImages::COUNT);
-        let nearest = near.nearest(start, NearImages::COUNT);
+        let request = (*start, NearestImages::COUNT);
+        let nearest = near.nearest(start, NearestImages::COUNT);
         let LiveCube {
             cube,
             images,
@@ -64,7 +64,7 @@ impl LiveSource {
         } = build(&mut near, nearest)?;
         let speed_m_per_s = near.depth_m() / 2.0;
         let builder = start_builder(near, images)?;
-        let shown = CubeSource::of_images(cube, folder);
+        let shown = CubeSource::from_images(cube, folder);
         Ok(Self {
             title,
             start: crate::start_at(start),
@@ -77,7 +77,7 @@ impl LiveSource {
     }
 }
 
-fn build(near: &mut NearImages, images: Vec<usize>) -> Result<LiveCube, String> {
+fn build(near: &mut NearestImages, images: Vec<usize>) -> Result<LiveCube, String> {
     let started = Instant::now();
     let ldi = near.cube(&images).map_err(|error| error.to_string())?;
     let cube = CubeLdi::pack(&ldi, SplatIndexLayout::Normal, Split::Auto)
@@ -106,7 +106,10 @@ struct BuilderState {
 }
 
 /// Starts the thread that builds cubes. `last` are the images of the cube that exists already.
-fn start_builder(mut near: NearImages, mut last: Vec<usize>) -> Result<Task<BuilderState>, String> {
+fn start_builder(
+    mut near: NearestImages,
+    mut last: Vec<usize>,
+) -> Result<Task<BuilderState>, String> {
     const NAME: &str = "image merging";
     let work = move |shared: &Shared<BuilderState>| {
         let next_request = |state: &mut BuilderState| {
@@ -167,7 +170,7 @@ impl FrameSource for LiveSource {
             "images",
             "Images",
             "How many of the images nearest to the view make up the cube that is shown (no unit).",
-            NearImages::COUNT as u32,
+            NearestImages::COUNT as u32,
             1..=16,
         );
         std::iter::once(images)

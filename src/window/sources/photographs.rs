@@ -96,7 +96,7 @@ impl PhotographsSource {
             at: view.pose.eye + ahead * far,
             view,
         };
-        let shown = CubeSource::to_come(format!("{} (photographs)", file_name(folder)), place);
+        let shown = CubeSource::without_cube(format!("{} (photographs)", file_name(folder)), place);
         let colouring = start_colouring(set, job)?;
         Ok(Self {
             shown,
@@ -140,7 +140,7 @@ fn start_colouring(set: ImageSet, job: PhotographsJob) -> Result<Task<Colouring>
         let views: Vec<&View> = set.views.iter().collect();
         for reduction in ROUNDS {
             let ldi = job
-                .run_smaller(&set, &views, reduction, shared)
+                .run_downscaled(&set, &views, reduction, shared)
                 .map_err(|error| error.to_string())?;
             let packed = planes::pack(ldi, SplatIndexLayout::Normal, Split::Auto, DEFAULT_ERROR_PX);
             let packed = packed.map_err(|error| format!("The cube cannot be packed: {error}."))?;
@@ -245,7 +245,7 @@ impl FrameSource for PhotographsSource {
 mod tests {
     use super::*;
     use headbox_core::camera::Camera;
-    use headbox_fixtures::{plane_view, saved, set_of};
+    use headbox_fixtures::{image_set, plane_view, saved};
     use headbox_viewer::SettingValues;
     use std::sync::Arc;
 
@@ -269,7 +269,7 @@ mod tests {
             }
         };
         let views: Vec<View> = eyes.into_iter().enumerate().map(view).collect();
-        let set = set_of(folder.path(), &views);
+        let set = image_set(folder.path(), &views);
         (folder, set)
     }
 
@@ -342,7 +342,7 @@ mod tests {
             .unwrap();
         let whole =
             planes::pack(ldi, SplatIndexLayout::Normal, Split::Auto, DEFAULT_ERROR_PX).unwrap();
-        let mut expected = CubeSource::of_images(whole, folder.path());
+        let mut expected = CubeSource::from_images(whole, folder.path());
         let mut other = pixels.clone();
         expected.render(&request, &mut other).unwrap();
         assert!(pixels == other, "the last round is what a capture makes");

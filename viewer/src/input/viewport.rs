@@ -63,7 +63,7 @@ impl Viewer {
     fn steer(&mut self, ui: &Ui, response: &Response, now_s: f64) {
         let before = self.eye.pose;
         match self.path_recorder.step(now_s) {
-            Replay::Show(pose) => self.eye.pose = pose,
+            Replay::LumigraphOverlay(pose) => self.eye.pose = pose,
             Replay::Ended(pose) => {
                 self.eye.pose = pose;
                 self.replay_ended = true;

@@ -36,7 +36,7 @@ pub(crate) enum Replay {
     /// No replay is running.
     Idle,
     /// Pose to show.
-    Show(Pose),
+    LumigraphOverlay(Pose),
     /// Last pose to show; the replay is over.
     Ended(Pose),
 }
@@ -124,20 +124,20 @@ impl PathRecorder {
             Playback::InTime { started_s } => {
                 let time_s = now_s - started_s;
                 if time_s < path.duration_s() {
-                    return Replay::Show(path.pose_at(time_s));
+                    return Replay::LumigraphOverlay(path.pose_at(time_s));
                 }
                 if self.repeat && path.duration_s() > 0.0 {
                     self.playback = Some(Playback::InTime { started_s: now_s });
-                    return Replay::Show(path.pose_at(0.0));
+                    return Replay::LumigraphOverlay(path.pose_at(0.0));
                 }
                 self.playback = None;
                 Replay::Ended(path.pose_at(path.duration_s()))
             }
             Playback::EveryPose { index } => match path.poses().get(index) {
-                Some(pose) => Replay::Show(pose.pose),
+                Some(pose) => Replay::LumigraphOverlay(pose.pose),
                 None if self.repeat => {
                     self.playback = Some(Playback::EveryPose { index: 0 });
-                    Replay::Show(path.poses()[0].pose)
+                    Replay::LumigraphOverlay(path.poses()[0].pose)
                 }
                 None => {
                     self.playback = None;
@@ -185,7 +185,7 @@ mod tests {
 
     fn x(replay: Replay) -> f64 {
         match replay {
-            Replay::Show(pose) | Replay::Ended(pose) => pose.eye.x,
+            Replay::LumigraphOverlay(pose) | Replay::Ended(pose) => pose.eye.x,
             Replay::Idle => f64::NAN,
         }
     }

@@ -5,7 +5,7 @@ use crate::output::{CUBE, Outputs, has_extension, peak_rss_mb, print_json};
 use crate::packing::{PackingArgs, describe_cube};
 use anyhow::{Context, bail};
 use headbox_images::deep_exr::{DeepImage, DeepView};
-use headbox_ldi::from_deep::{DeepPlace, cube};
+use headbox_ldi::from_deep::{DeepCameraOptions, cube};
 use serde_json::json;
 use std::path::Path;
 use std::time::Instant;
@@ -19,7 +19,7 @@ pub(crate) fn is_deep_picture(name: &str) -> bool {
 pub(super) fn run(
     name: &str,
     output: &Path,
-    place: DeepPlace,
+    place: DeepCameraOptions,
     packing: &PackingArgs,
     as_json: bool,
 ) -> anyhow::Result<()> {

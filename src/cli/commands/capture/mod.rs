@@ -36,7 +36,7 @@ use headbox_core::files;
 use headbox_core::headbox::Headbox;
 use headbox_ldi::accumulate::shard::{self, ShardInfo};
 use headbox_ldi::capture::SceneCapture;
-use headbox_ldi::from_deep::DeepPlace;
+use headbox_ldi::from_deep::DeepCameraOptions;
 use headbox_ldi::spec::RunOptions;
 use headbox_photos::voxel_colouring::Backdrop;
 use headbox_trace::bvh::Tracer;
@@ -192,7 +192,7 @@ impl CaptureCommand {
             ("--agreement", self.agreement.is_some()),
         ];
         self.refuse_scene_flags("a deep picture", image_flags)?;
-        let place = DeepPlace {
+        let place = DeepCameraOptions {
             centre: self.center,
             look_at: self.look_at,
             fov_y_deg: self.fov,
@@ -232,7 +232,7 @@ impl CaptureCommand {
         let lighting = if self.shard.is_none() {
             Lighting::prepare(&tracer, parameters.bounces, parameters.light_samples > 0)
         } else {
-            Lighting::of_scene(&tracer, 0) // shards are lit when they are merged
+            Lighting::unmetered(&tracer, 0) // shards are lit when they are merged
         };
         let shard = self.shard.unwrap_or((0, 1));
         let estimate = Estimate::new(&spec, &tracer, &lighting, &self.packing, shard.1, start)

@@ -108,7 +108,7 @@ impl HouseCommand {
         match self.model.strip_prefix("builtin:") {
             Some("house") => {
                 let mut model = headbox_scenes::house(self.seed, self.triangles);
-                let findings = model.mend();
+                let findings = model.repair();
                 Ok(LoadedModel { model, findings })
             }
             Some(other) => {
@@ -174,7 +174,7 @@ impl Survey {
         let findings = self.findings.iter();
         findings
             .filter_map(|finding| match finding {
-                Finding::TouchesNot { name, .. } => Some(name.as_str()),
+                Finding::NotAdjacent { name, .. } => Some(name.as_str()),
                 _ => None,
             })
             .collect()
@@ -191,7 +191,7 @@ impl Survey {
         );
         println!("\n cell  triangles  floor m2  portals  name");
         for (index, cell) in (0_u32..).zip(cells) {
-            let count = self.model.portals_of(index).count();
+            let count = self.model.portals_from(index).count();
             let area = floor_area(&self.model, index);
             let floor = if area > 0.0 {
                 format!("{area:.1}")
@@ -240,7 +240,7 @@ impl Survey {
         let cells: Vec<Value> = (0_u32..)
             .zip(&self.model.cells)
             .map(|(index, cell)| {
-                let portals = self.model.portals_of(index).map(|(portal, _)| portal);
+                let portals = self.model.portals_from(index).map(|(portal, _)| portal);
                 json!({
                     "name": cell.name,
                     "triangles": cell.triangles.len(),

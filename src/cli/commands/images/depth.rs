@@ -69,7 +69,7 @@ impl DepthArgs {
             longest_px: self.depth_size,
             ..DenseDepth::default()
         };
-        set.find_depth(&settings, &|| bar.advance(1), &mut |view, found| {
+        set.estimate_depth(&settings, &|| bar.advance(1), &mut |view, found| {
             let original = names
                 .iter()
                 .position(|name| *name == view.name)

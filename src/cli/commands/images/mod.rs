@@ -18,7 +18,7 @@ use headbox_images::{
     AlignStep, Alignment, CheckReport, ImageSet, ImagesError, Lens, Residual, TRANSFORMS, View,
     align, check,
 };
-use headbox_ldi::from_images::ImagesJob;
+use headbox_ldi::from_images::ImageSetCapture;
 use headbox_photos::voxel_colouring::PhotographsJob;
 use serde_json::json;
 use std::collections::BTreeSet;
@@ -50,14 +50,14 @@ const PAIRS: usize = 16;
 
 /// Method of capturing a set: by its depth or, where no view has any, by voxel colouring.
 pub(super) enum SetJob {
-    Depth(ImagesJob),
+    Depth(ImageSetCapture),
     Photographs(PhotographsJob),
 }
 
 impl SetJob {
     pub(super) fn suggest(set: &ImageSet) -> Self {
         match set.views_with_depth().next() {
-            Some(_) => Self::Depth(ImagesJob::suggest(set)),
+            Some(_) => Self::Depth(ImageSetCapture::suggest(set)),
             None => Self::Photographs(PhotographsJob::suggest(set)),
         }
     }

@@ -326,8 +326,8 @@ impl GridArgs {
         let mut parts = GridParts {
             origin: headbox.centre,
             world_from_eye,
-            columns: CameraGrid::evenly(columns, edge_m),
-            rows: CameraGrid::evenly(
+            columns: CameraGrid::even_positions(columns, edge_m),
+            rows: CameraGrid::even_positions(
                 rows,
                 if columns > 1 {
                     spacing * (rows - 1) as f64

@@ -115,9 +115,8 @@ fn refuse_unknown_variant(name: &str) -> Result<(), UsageError> {
     if SplatKernel::from_name(name).is_some() {
         return Ok(());
     }
-    let kernels = SplatKernel::ALL.iter().map(|kernel| kernel.name());
-    let textures = Texturing::ALL.iter().map(|(name, _)| *name);
-    let names: Vec<_> = kernels.chain(textures).collect();
+    let mut names = SplatKernel::ALL.map(SplatKernel::name).to_vec();
+    names.extend(Texturing::ALL.map(Texturing::name));
     Err(UsageError(format!(
         "there is no variant \"{name}\"; there are: {}",
         names.join(", ")
@@ -195,7 +194,7 @@ impl RenderCommand {
         };
         let values = self.settings.values(&*view)?;
         let is_radiance = self.path.is_none() && is_radiance(&self.output);
-        if is_radiance && view.radiance_of_levels().is_none() {
+        if is_radiance && view.level_radiance().is_none() {
             let kind = view.kind();
             bail_usage!("a frame in an .exr is for a cube LDI; {kind} has no radiance");
         }
@@ -250,7 +249,7 @@ impl RenderCommand {
                 CubeLdi::read(file)?
             };
             start.get_or_insert_with(|| LayersStart {
-                view: CubeView::start_in(&cube),
+                view: CubeView::default_view(&cube),
                 size_px: [1024, 768],
                 file_frame: cube.info.frame,
             });
@@ -269,7 +268,7 @@ impl RenderCommand {
             .collect::<Result<Vec<_>, _>>()?;
         let sprites = sprites.unwrap_or_else(|| SpriteSet::new(Vec::new()));
         let layers = Composition::new(sprites, cubes).with_polygons(polygons);
-        Ok(LayersView::of_layers(layers, start))
+        Ok(LayersView::from_layers(layers, start))
     }
 
     /// Frame rate at which an animation is sampled, frames per second.
@@ -352,7 +351,7 @@ impl RenderCommand {
     }
 
     fn save(&self, renderer: &ViewRenderer, frame: &RgbImage) -> anyhow::Result<()> {
-        match renderer.view.radiance_of_levels() {
+        match renderer.view.level_radiance() {
             Some(levels) if is_radiance(&self.output) => {
                 let pixels = frame.pixels();
                 let radiance: Vec<[f32; 3]> = pixels

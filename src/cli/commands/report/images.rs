@@ -6,7 +6,7 @@ use crate::progress::Bar;
 use headbox_images::ImageSet;
 use headbox_lab::images::{self, Geometry, SideBySide};
 use headbox_lab::photographs;
-use headbox_ldi::from_images::ImagesJob;
+use headbox_ldi::from_images::ImageSetCapture;
 use headbox_photos::voxel_colouring::PhotographsJob;
 use image::RgbImage;
 use std::path::Path;
@@ -82,7 +82,7 @@ pub(super) fn write(
         };
         let report = images::measure(
             set,
-            &ImagesJob::suggest(set),
+            &ImageSetCapture::suggest(set),
             &geometry,
             hold_out,
             &bar,

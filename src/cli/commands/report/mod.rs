@@ -21,7 +21,7 @@ use headbox_core::headbox::Headbox;
 use headbox_cube::pack::CubeLdi;
 use headbox_cube::pack::file::CUBE_LDI;
 use headbox_lab::machine::{Machine, commit};
-use headbox_lab::plan::{Plan, Quality, most_to_see};
+use headbox_lab::plan::{Plan, Quality, axis_with_most_geometry};
 use headbox_lab::report::figures::{figures, short};
 use headbox_lab::report::row::Report;
 use headbox_lab::report::subject::Subject;
@@ -362,7 +362,7 @@ impl ReportCommand {
         }
         let tracer = Arc::new(Tracer::new(Arc::clone(&scene), centre));
         let lighting = Lighting::prepare(&tracer, bounces, lit);
-        let ahead = ahead.unwrap_or_else(|| most_to_see(&tracer, centre));
+        let ahead = ahead.unwrap_or_else(|| axis_with_most_geometry(&tracer, centre));
         let plan = Plan::new(quality, centre, half_size_m, ahead, self.seed);
         let plan = plan.map_err(|error| UsageError(error.to_string()))?;
         Ok((

@@ -20,7 +20,7 @@ use headbox_lab::sprite_range::SpriteRange;
 use headbox_ldi::scene_source::SceneSource;
 use headbox_sprite::{
     DepthImport, DisplacementFormat, SlabCapture, SpriteInfo, SpriteSet, SpriteWithDepth,
-    capture_slabs, slabs_at_gaps, sprites_of_layers,
+    capture_slabs, slabs_at_gaps, sprites_from_layers,
 };
 use headbox_trace::light::Lighting;
 use serde_json::json;
@@ -337,7 +337,7 @@ impl SpriteCommand {
             eprintln!("{} with {}", layers.used[0], layers.used[1..].join(", "));
         }
         let mut sprites =
-            self.reduce_displacement(sprites_of_layers(&layers, self.displacement)?)?;
+            self.reduce_displacement(sprites_from_layers(&layers, self.displacement)?)?;
         sprites.info = SpriteInfo {
             source: name.into(),
             frame,

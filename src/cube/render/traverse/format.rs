@@ -1,6 +1,6 @@
 //! Formats of depth pixels: packed into 8 bytes, or unquantised (S17, C10).
 
-use crate::pack::{ExactDepthPixel, INVERSE_DEPTH_CODE_MAX, PackedDepthPixel, PackedSegment};
+use crate::pack::{INVERSE_DEPTH_CODE_MAX, PackedDepthPixel, PackedSegment, UnquantisedDepthPixel};
 use crate::render::footprint::size::{LANES, Normals};
 use fearless_simd::{Simd, SimdCvtFloat, f32x16, prelude::*, u32x16};
 
@@ -61,7 +61,7 @@ impl Format for PackedDepthPixel {
     }
 }
 
-impl Format for ExactDepthPixel {
+impl Format for UnquantisedDepthPixel {
     const EMPTY: Self = Self {
         inverse_depth: 1.0,
         normal: [0.0; 3],

@@ -302,7 +302,7 @@ mod tests {
     #[test]
     fn triangles_round_trip_through_page() {
         let mut model = headbox_scenes::house(0, 6_000);
-        model.mend();
+        model.repair();
         let house = House::new(model).expect("a house");
         let (scene, origin) = (house.scene(), house.mesh().origin());
         let all = split_house(&house, 100);

@@ -139,7 +139,7 @@ fn floor(
 
 fn is_free(house: &House, passages: &[WalkablePortal], eye: DVec3) -> bool {
     let in_room = house
-        .cell_of_eye(eye)
+        .find_cell(eye)
         .is_some_and(|cell| house.plan().outside != Some(cell));
     let holds = |is_door: bool| {
         passages
@@ -201,7 +201,7 @@ mod tests {
     #[test]
     fn walk_grid_reaches_rooms_not_through_walls() {
         let mut model = headbox_scenes::house(0, 6_000);
-        model.mend();
+        model.repair();
         let house = House::new(model).expect("a house");
         let all = floors(&house);
         let [floor] = all.as_slice() else {
@@ -227,7 +227,7 @@ mod tests {
         let reached = reached(floor, place(eye));
         let mut entered = vec![false; house.plan().cells.len()];
         for i in &reached {
-            let cell = house.cell_of_eye(at(*i)).expect("in a room") as usize;
+            let cell = house.find_cell(at(*i)).expect("in a room") as usize;
             entered[cell] = true;
         }
         let outside = house.plan().outside.expect("an outside") as usize;
@@ -270,7 +270,7 @@ mod tests {
     #[test]
     fn windows_are_not_passed() {
         let mut model = headbox_scenes::house(0, 6_000);
-        model.mend();
+        model.repair();
         let house = House::new(model).expect("a house");
         let outside = house.plan().outside;
         let passages = house

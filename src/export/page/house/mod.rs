@@ -65,7 +65,7 @@ pub(super) fn content(house: &House, first: &Camera) -> Result<Content, ExportEr
 
 /// Returns the cells that are visible in the first view; `None` for all.
 fn first_visible_cells(house: &House, first: &Camera) -> Option<BTreeSet<u32>> {
-    let cell = house.cell_of_eye(first.eye())?;
+    let cell = house.find_cell(first.eye())?;
     let views = visible_cells(house.plan(), first, cell, &Limits::default(), |_, _| true);
     Some(views.iter().map(|view| view.cell).collect())
 }

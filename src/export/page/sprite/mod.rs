@@ -8,7 +8,7 @@ mod displacements;
 
 use super::texels::{TexelImage, residuals};
 use super::{Content, Part, check_size, environment};
-use crate::of_sprites::half_size_m;
+use crate::from_sprites::half_size_m;
 use crate::{ExportError, POSTER_PX, jpeg};
 use glam::DVec3;
 use headbox_core::camera::Camera;
@@ -182,13 +182,13 @@ mod tests {
         // What is nearest is 2 m away.
         let half = content.header["halfSize"].as_f64().unwrap();
         assert!((half - 0.3).abs() < 1e-6, "{half}");
-        assert!(Page::of_sprites(&set, "two").is_ok());
+        assert!(Page::from_sprites(&set, "two").is_ok());
     }
 
     #[test]
     fn empty_sprite_set_is_refused() {
         assert!(matches!(
-            Page::of_sprites(&SpriteSet::new(Vec::new()), "none"),
+            Page::from_sprites(&SpriteSet::new(Vec::new()), "none"),
             Err(ExportError::Empty)
         ));
     }

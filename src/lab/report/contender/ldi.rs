@@ -4,7 +4,7 @@ use super::{ContenderFrame, Draw};
 use crate::baselines::fragments::FragmentRenderer;
 use headbox_core::camera::Camera;
 use headbox_cube::model::samples::CubeSamples;
-use headbox_cube::pack::{CubeLdi, ExactCube};
+use headbox_cube::pack::{CubeLdi, UnquantisedCube};
 use headbox_cube::render::reference::oracle::render_oracle;
 use headbox_cube::render::{RenderSettings, Renderer};
 use std::sync::Arc;
@@ -103,14 +103,14 @@ impl Draw for FragmentDraw {
 
 /// A cube LDI with unquantised depth pixels, drawn by the same renderer.
 pub struct ExactDraw {
-    exact: ExactCube,
+    exact: UnquantisedCube,
     settings: RenderSettings,
     renderer: Renderer,
 }
 
 impl ExactDraw {
     /// Draws `exact`.
-    pub fn new(exact: ExactCube, settings: RenderSettings) -> Self {
+    pub fn new(exact: UnquantisedCube, settings: RenderSettings) -> Self {
         Self {
             exact,
             settings,

@@ -5,7 +5,7 @@ use glam::Vec4;
 use headbox_core::color::linear_from_srgb8;
 use headbox_core::mip::{MipLevel, OddEdge};
 use headbox_core::texels::bilinear;
-use headbox_images::{FARTHEST_M, LoadedView};
+use headbox_images::{LoadedView, MAX_DEPTH_M};
 use std::iter::successors;
 
 /// Full linear light in 16 bits.
@@ -51,7 +51,7 @@ impl Picture {
             view.depth
                 .get(i)
                 .filter(|depth| **depth > 0.0)
-                .map(|depth| 1.0 / depth.min(FARTHEST_M))
+                .map(|depth| 1.0 / depth.min(MAX_DEPTH_M))
         };
         let nearest = (0..view.depth.len())
             .filter_map(inverse)
@@ -196,12 +196,12 @@ impl Level {
 #[cfg(test)]
 mod tests {
     use super::*;
-    pub(crate) use crate::view_geometry::tests::view_of;
+    pub(crate) use crate::view_geometry::tests::make_view;
     use glam::DVec3;
 
     fn view() -> LoadedView {
         let depth = |x: u32, _| if x == 0 { f32::NAN } else { 1.0 + x as f32 };
-        view_of(
+        make_view(
             DVec3::ZERO,
             depth,
             |x, y| [x as u8 * 10, y as u8 * 20, 200],
@@ -273,7 +273,7 @@ mod tests {
     #[test]
     fn infinite_depth_is_known() {
         let depth = |x: u32, _| [f32::NAN, 1.0, f32::INFINITY, 1e5][x as usize % 4];
-        let picture = Picture::new(&view_of(DVec3::ZERO, depth, |_, _| [90; 3], [8, 4]));
+        let picture = Picture::new(&make_view(DVec3::ZERO, depth, |_, _| [90; 3], [8, 4]));
         let found = [0, 1, 2, 3].map(|x| shown(&picture, x as f32 + 0.5, 1.5));
         let step = picture.inverse_depth_step;
         assert!(
@@ -287,7 +287,7 @@ mod tests {
 
     #[test]
     fn levels_are_means_of_the_image() {
-        let view = view_of(
+        let view = make_view(
             DVec3::ZERO,
             |_, _| 1.0,
             |x, y| [if (x + y) % 2 == 0 { 255 } else { 0 }; 3],

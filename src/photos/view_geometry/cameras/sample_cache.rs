@@ -181,7 +181,7 @@ pub(crate) fn verify_on_load(
 #[cfg(test)]
 mod tests {
     use super::*;
-    pub(crate) use crate::view_geometry::tests::{frame, frame_at, plane_view, saved, set_of};
+    pub(crate) use crate::view_geometry::tests::{frame, frame_at, image_set, plane_view, saved};
     use crate::view_geometry::{GeometryResources, GeometrySettings, GeometryStats, ViewGeometry};
     use headbox_core::camera::Camera;
     use headbox_core::frame::Frame;
@@ -207,7 +207,7 @@ mod tests {
     }
 
     fn open(views: &[View], cache: &Path) -> ViewGeometry {
-        let set = set_of(cache, views);
+        let set = image_set(cache, views);
         let resources = GeometryResources {
             cache: Some(cache.into()),
             ..GeometryResources::default()
@@ -269,7 +269,7 @@ mod tests {
         };
         let (nearer, _) = frame(&open(&views, cache.path()), &camera, &settings);
         assert_eq!(files(cache.path()).len(), 2);
-        let set = set_of(pictures.path(), &views);
+        let set = image_set(pictures.path(), &views);
         let views_in_set: Vec<&View> = views.iter().collect();
         let uncached =
             ViewGeometry::open(&set, &views_in_set, &GeometryResources::default(), &Silent)

@@ -279,7 +279,7 @@ fn median_depth(
 #[cfg(test)]
 mod tests {
     use super::*;
-    pub(crate) use crate::view_geometry::tests::{grid, plane_view, view_of};
+    pub(crate) use crate::view_geometry::tests::{grid, make_view, plane_view};
 
     #[test]
     fn level_of_detail_is_prefix_of_quarter_size() {
@@ -302,7 +302,7 @@ mod tests {
     #[test]
     fn samples_follow_depth_without_outliers() {
         let depth = |x: u32, y: u32| if (x, y) == (10, 10) { 0.1 } else { 3.0 };
-        let view = view_of(DVec3::new(1.0, 2.0, 3.0), depth, |_, _| [9; 3], [48, 32]);
+        let view = make_view(DVec3::new(1.0, 2.0, 3.0), depth, |_, _| [9; 3], [48, 32]);
         let samples = Samples::new(&view, &grid(4, 2), DVec3::ONE);
         let [x, _, z] = samples.of_level(0);
         assert_eq!((x.len(), z.len()), (13 * 9, 13 * 9));
@@ -316,13 +316,13 @@ mod tests {
     #[test]
     fn holes_have_no_samples() {
         let depth = |x: u32, _| if x < 24 { f32::NAN } else { 2.0 };
-        let view = view_of(DVec3::ZERO, depth, |_, _| [9; 3], [48, 32]);
+        let view = make_view(DVec3::ZERO, depth, |_, _| [9; 3], [48, 32]);
         let samples = Samples::new(&view, &grid(4, 2), DVec3::ZERO);
         assert_eq!(samples.of_level(0)[0].len(), 7 * 9);
-        let none = view_of(DVec3::ZERO, |_, _| f32::NAN, |_, _| [9; 3], [48, 32]);
+        let none = make_view(DVec3::ZERO, |_, _| f32::NAN, |_, _| [9; 3], [48, 32]);
         let samples = Samples::new(&none, &SampleGrid::default(), DVec3::ZERO);
         assert!(samples.of_level(0)[0].is_empty() && samples.probes().count == 0);
-        let tiny = view_of(DVec3::ZERO, |_, _| 1.0, |_, _| [9; 3], [2, 1]);
+        let tiny = make_view(DVec3::ZERO, |_, _| 1.0, |_, _| [9; 3], [2, 1]);
         assert_eq!(
             Samples::new(&tiny, &SampleGrid::default(), DVec3::ZERO).of_level(0)[0].len(),
             2

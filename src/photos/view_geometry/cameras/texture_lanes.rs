@@ -157,7 +157,7 @@ fn float<S: Simd>(numbers: u32x16<S>) -> f32x16<S> {
 mod tests {
     use super::*;
     use crate::view_geometry::render::scan::LANES;
-    pub(crate) use crate::view_geometry::tests::view_of;
+    pub(crate) use crate::view_geometry::tests::make_view;
     use fearless_simd::dispatch;
     use glam::DVec3;
     use headbox_core::random::Rng;
@@ -186,7 +186,7 @@ mod tests {
     #[test]
     fn texture_lanes_equal_scalar_at_every_level() {
         let mut random = Rng::keyed(5);
-        let mut view = view_of(
+        let mut view = make_view(
             DVec3::ZERO,
             |x, y| 0.5 + (x * 7 + y * 3) as f32 % 5.0,
             |x, y| [x as u8 * 9, y as u8 * 13, 90],
@@ -239,7 +239,7 @@ mod tests {
 
     #[test]
     fn levels_in_lanes_equal_scalar() {
-        let picture = Picture::new(&view_of(DVec3::ZERO, |_, _| 1.0, |_, _| [9; 3], [64, 48]));
+        let picture = Picture::new(&make_view(DVec3::ZERO, |_, _| 1.0, |_, _| [9; 3], [64, 48]));
         let texels: [f32; LANES] = std::array::from_fn(|i| 0.3 * 1.37f32.powi(i as i32));
         let found = dispatch!(simd::level(), simd => picture.levels_for(f32x16::load_array_ref(simd, &texels)).to_array());
         assert_eq!(

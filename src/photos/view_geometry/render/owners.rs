@@ -36,7 +36,7 @@ pub(super) fn assign(grid: &mut Grid, cameras: &[TextureCamera]) {
 
 #[cfg(test)]
 mod tests {
-    pub(crate) use crate::view_geometry::tests::{frame_at, grid, opened, plane_view, view_of};
+    pub(crate) use crate::view_geometry::tests::{frame_at, grid, make_view, opened, plane_view};
     use crate::view_geometry::{
         GeometryRenderer, GeometrySettings, PixelTriangle, SampleGrid, ViewGeometry, WaitPolicy,
     };
@@ -98,7 +98,7 @@ mod tests {
                     3.0
                 }
             };
-            view_of(DVec3::new(x, 0.0, 0.0), depth, |_, _| [90; 3], size)
+            make_view(DVec3::new(x, 0.0, 0.0), depth, |_, _| [90; 3], size)
         });
         let (_folder, geometry) = opened(&views, &grid(2, 3));
         let (used, shown) = shown(&geometry, &GeometrySettings::default());
