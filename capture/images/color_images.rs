@@ -5,7 +5,7 @@ use super::depth::extension;
 use super::exr_layer::ExrLayer;
 use exr::meta::MetaData;
 use headbox_core::color::srgb8_from_linear;
-use headbox_core::image_file::{self, MAX_PIXELS};
+use headbox_core::image::codec::{self, MAX_PIXELS};
 use std::path::Path;
 
 /// Width, height, and pixels: row-major sRGB with straight alpha.
@@ -131,8 +131,8 @@ pub(super) fn read_size(path: &Path) -> Result<[u32; 2], ImagesError> {
 }
 
 fn read_integers(path: &Path) -> Result<ColorPicture, ImagesError> {
-    let decoded = image_file::read(path, 8 * MAX_PIXELS)
-        .map_err(|error| ImagesError::picture(path, error))?;
+    let decoded =
+        codec::read(path, 8 * MAX_PIXELS).map_err(|error| ImagesError::picture(path, error))?;
     let picture = decoded.into_rgba8();
     let (width, height) = picture.dimensions();
     let pixels = picture.pixels().map(|pixel| pixel.0).collect();

@@ -5,7 +5,7 @@ use super::exr_layer::ExrLayer;
 use exr::prelude::{Image, SpecificChannels, WritableImage};
 use headbox_core::depth_kind::DepthKind;
 use headbox_core::files::write_whole;
-use headbox_core::image_file::{self, MAX_PIXELS};
+use headbox_core::image::codec::{self, MAX_PIXELS};
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -190,8 +190,8 @@ fn read_integers(
     format: &IntegerFormat,
 ) -> Result<DepthPicture, ImagesError> {
     let bad = |cause: String| ImagesError::invalid_picture(path, cause);
-    let image = image_file::read(path, 2 * MAX_PIXELS)
-        .map_err(|error| ImagesError::picture(path, error))?;
+    let image =
+        codec::read(path, 2 * MAX_PIXELS).map_err(|error| ImagesError::picture(path, error))?;
     let values: Vec<u16> = match &image {
         image::DynamicImage::ImageLuma8(grey) if format.eight_bits => {
             grey.as_raw().iter().map(|&v| u16::from(v)).collect()

@@ -4,7 +4,7 @@ use super::ImagesError;
 use exr::image::{AnyChannel, FlatSamples};
 use exr::meta::MetaData;
 use exr::prelude::{ReadChannels, ReadLayers, read};
-use headbox_core::image_file::MAX_PIXELS;
+use headbox_core::image::codec::MAX_PIXELS;
 use std::path::Path;
 
 /// Number of pixels from which decoding one image on several threads is worth it; smaller images

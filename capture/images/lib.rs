@@ -54,7 +54,7 @@ pub use view::{LoadedView, MAX_DEPTH_M, View};
 
 use glam::{DMat3, DVec3};
 use headbox_core::file_frame::FileFrame;
-use headbox_core::image_file::PictureError;
+use headbox_core::image::codec::PictureError;
 use headbox_core::statistics::median;
 use std::path::{Path, PathBuf};
 

@@ -2,7 +2,7 @@
 
 use glam::Vec4;
 use headbox_core::color::linear_levels;
-use headbox_core::texels::bilinear;
+use headbox_core::image::texels::bilinear;
 
 /// Cut-out: the surface has holes where the alpha of `texture` is below `threshold`.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -4,10 +4,10 @@
 pub use crate::lights::{Lamp, Reach, Sky, SkyGradient, Sun};
 pub use crate::sky_picture::{SkyError, SkyPicture};
 pub use crate::surface::{Paint, Surface};
-pub use headbox_core::exposure::Exposure;
+pub use headbox_core::color::exposure::Exposure;
+pub use headbox_core::color::tone::ToneMap;
 pub use headbox_core::file_frame::{FileFrame, UpAxis};
 pub use headbox_core::headbox::Headbox;
-pub use headbox_core::tone::ToneMap;
 
 use crate::material::{Material, Texture};
 use glam::{DVec3, Vec2, Vec3};

@@ -2,8 +2,8 @@
 
 use crate::scene::{Scene, Sky, SkyError, SkyPicture, Sun};
 use headbox_core::color::luminance;
+use headbox_core::color::tone::ToneMap;
 use headbox_core::light_parameters::LightParameters;
-use headbox_core::tone::ToneMap;
 use std::sync::Arc;
 
 impl Scene {

@@ -14,7 +14,7 @@ use crate::load::extension_of;
 use exr::meta::MetaData;
 use glam::Vec3;
 use headbox_core::color::luminance;
-use headbox_core::image_file::{self, MAX_PIXELS, PictureError};
+use headbox_core::image::codec::{self, MAX_PIXELS, PictureError};
 use std::f32::consts::{PI, TAU};
 use std::fmt;
 use std::hash::{DefaultHasher, Hasher};
@@ -385,7 +385,7 @@ fn sanitise(channel: f32) -> f32 {
 type Texels = ([u32; 2], Vec<[f32; 3]>);
 
 fn read_hdr(path: &Path) -> Result<Texels, String> {
-    let picture = image_file::read(path, image_file::MAX_BYTES)
+    let picture = codec::read(path, codec::MAX_BYTES)
         .map_err(|error| error.to_string())?
         .into_rgb32f();
     let (width, height) = picture.dimensions();

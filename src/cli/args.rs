@@ -7,7 +7,7 @@ use clap::Args;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use glam::DVec3;
 use headbox_core::camera::Camera;
-use headbox_core::exposure::Exposure;
+use headbox_core::color::exposure::Exposure;
 use headbox_core::file_frame::{FileFrame, UpAxis};
 use headbox_core::light_parameters::{LightParameters, SunPosition};
 use headbox_core::view::View;

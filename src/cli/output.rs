@@ -1,7 +1,8 @@
 //! Standard output, output files, and the memory used by the process.
 
 use super::messages::UsageError;
-use headbox_core::{files, image_file as picture};
+use headbox_core::files;
+use headbox_core::image::codec;
 use headbox_export::film;
 use headbox_scene::scene::Scene;
 use image::codecs::jpeg::JpegEncoder;
@@ -274,7 +275,7 @@ pub(super) fn save_picture(path: &Path, image: &image::RgbImage) -> anyhow::Resu
     let written = files::write_whole(path, |w| {
         let encoded = match format {
             image::ImageFormat::Png => {
-                let png = picture::png(
+                let png = codec::png(
                     image.as_raw(),
                     width,
                     height,

@@ -2,9 +2,9 @@
 
 use crate::camera::CameraError;
 use crate::files::write_whole;
-use crate::image_file;
-use crate::image_file::PictureError;
-use image::RgbImage;
+use crate::image::codec;
+use crate::image::codec::PictureError;
+use ::image::RgbImage;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
@@ -200,7 +200,7 @@ impl Frame {
             return Err(CameraError::Size(self.width, self.height).into());
         }
         let kind = image::ExtendedColorType::Rgba8;
-        Ok(image_file::png(
+        Ok(codec::png(
             self.color.as_flattened(),
             self.width,
             self.height,
@@ -240,7 +240,7 @@ mod tests {
         frame.reset(3, 2, [1, 2, 3]);
         frame.color[4] = [250, 128, 7, 255];
         let png = frame.to_png().expect("encodes");
-        let back = image::load_from_memory(&png).expect("decodes").to_rgba8();
+        let back = ::image::load_from_memory(&png).expect("decodes").to_rgba8();
         assert_eq!(back.get_pixel(1, 1).0, [250, 128, 7, 255]);
         assert_eq!(back.get_pixel(0, 0).0, [1, 2, 3, 255]);
         assert_eq!(frame.hole_count(), 6);

@@ -1,7 +1,7 @@
 //! Light of a scene as specified by the user; embedded in scene sources, headers of files, and the
 //! command line.
 
-use crate::exposure::Exposure;
+use crate::color::exposure::Exposure;
 use crate::file_frame::FileFrame;
 use glam::{DVec3, Vec3};
 use serde::{Deserialize, Serialize};
@@ -32,7 +32,7 @@ pub struct LightParameters {
     /// linear radiance is scaled up before it is stored.
     #[serde(skip_serializing_if = "is_default")]
     pub exposure: Exposure,
-    /// True to keep light above white ([`crate::tone::ToneMap::SrgbCompressed`]).
+    /// True to keep light above white ([`crate::color::tone::ToneMap::SrgbCompressed`]).
     #[serde(skip_serializing_if = "is_default")]
     pub hdr: bool,
 }

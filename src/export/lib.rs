@@ -1,25 +1,17 @@
 //! Exports for use without headbox: HTML pages, engines, splat viewers, compositing and film.
 
-mod atlas;
 pub mod deep;
 pub mod film;
 pub mod from_sprites;
-pub mod glb;
-mod mesh;
+pub mod mesh;
 pub mod page;
-pub mod panorama;
 mod pieces;
-pub mod ply;
-mod sheets;
-mod spherical;
-pub mod splats;
+pub mod points;
 mod stacks;
-pub mod stereo;
-mod surfels;
 
 use headbox_core::camera::{Camera, CameraError};
 use headbox_core::frame::Frame;
-use headbox_core::image_file::PictureError;
+use headbox_core::image::codec::PictureError;
 use headbox_cube::pack::{CubeLdi, PackError};
 use headbox_cube::render::Renderer;
 use image::codecs::jpeg::JpegEncoder;
@@ -137,6 +129,7 @@ fn png(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::mesh::glb;
     use headbox_cube::pack::{PlaneSet, SplatIndexLayout};
 
     /// Memory that nobody touches is not there.

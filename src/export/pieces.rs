@@ -1,8 +1,8 @@
 //! Surface pieces of each face pixel as seen from the centre of the headbox, front to back, and the
 //! coverage that several of them share.
 
-use super::surfels::straight;
-use crate::surfels;
+use crate::points::surfels;
+use crate::points::surfels::straight;
 use headbox_core::cube_face::Face;
 use headbox_cube::model::depth_bins::DepthBins;
 use headbox_cube::pack::{CubeLdi, PlaneSet};

@@ -1,9 +1,9 @@
 //! Deep pixels of a face in the *tidy* form of compositing programs.
 
 use crate::pieces;
-use crate::surfels;
+use crate::points::surfels;
+use headbox_core::color::tone::ToneMap;
 use headbox_core::cube_face::Face;
-use headbox_core::tone::ToneMap;
 use headbox_cube::pack::CubeLdi;
 
 /// Deep sample of a pixel.

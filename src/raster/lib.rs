@@ -11,7 +11,7 @@
 //!    stores the depth and the number of its triangle, nothing else;
 //! 4. `shade`: once per pixel at the end, triangle after triangle: perspective-correct weights
 //!    (`weights`), colours, textures at the mip level of the frame (`mip`), sRGB
-//!    (`headbox_core::srgb_table`).
+//!    (`headbox_core::color::srgb_table`).
 //!
 //! Positions are IEEE `f32` in a fixed order of operations, the rest of coverage is integers: the
 //! output has the same bytes with any number of threads and bands, and at any SIMD level.

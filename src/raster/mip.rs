@@ -4,8 +4,8 @@ use super::LANES;
 use fearless_simd::prelude::*;
 use fearless_simd::{f32x16, u32x16};
 use headbox_core::color::{linear_from_srgb8, srgb8_from_linear};
-use headbox_core::mip::{MipLevel, OddEdge};
-use headbox_core::texels::bilinear;
+use headbox_core::image::mip::{MipLevel, OddEdge};
+use headbox_core::image::texels::bilinear;
 use headbox_scene::material::Texture;
 use std::iter::successors;
 

@@ -16,7 +16,7 @@ use super::weights::CornerWeights;
 use super::{LANES, RasterStats};
 use fearless_simd::prelude::*;
 use fearless_simd::{f32x16, i32x16, mask32x16, u32x16};
-use headbox_core::triangle_scan::{EdgeFunction, pixels_between};
+use headbox_core::image::triangle_scan::{EdgeFunction, pixels_between};
 use std::ops::Range;
 
 /// Rows of a frame that are being drawn.

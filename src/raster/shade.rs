@@ -18,9 +18,9 @@ use fearless_simd::prelude::*;
 use fearless_simd::{f32x16, u32x16};
 use glam::{Vec2, Vec3};
 use headbox_core::camera::Camera;
+use headbox_core::color::srgb_table::SrgbTable;
 use headbox_core::environment::Environment;
 use headbox_core::frame::Coverage;
-use headbox_core::srgb_table::SrgbTable;
 
 /// Shading state of a frame.
 pub(super) struct PixelShader<'a> {

@@ -3,7 +3,7 @@
 use fearless_simd::Level;
 use glam::{DVec3, Vec3};
 use headbox_core::camera::Camera;
-use headbox_core::triangle_scan::SUBPIXELS;
+use headbox_core::image::triangle_scan::SUBPIXELS;
 
 /// Eye depth of the near plane, metres. It only keeps divisions finite: the part that it clips is
 /// smaller than a pixel.

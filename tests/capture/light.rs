@@ -2,8 +2,8 @@
 
 use crate::folder::Folder;
 use glam::{DVec3, Vec3, dvec3};
+use headbox_core::color::exposure::Exposure;
 use headbox_core::color::luminance;
-use headbox_core::exposure::Exposure;
 use headbox_scene::load::LoadOptions;
 use headbox_scene::material::Material;
 use headbox_scene::scene::{Lamp, Reach, Scene, Sky, SkyGradient, SkyPicture, Sun, Triangle};

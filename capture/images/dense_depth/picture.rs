@@ -2,7 +2,7 @@
 
 use super::relative::LevelCamera;
 use crate::{Lens, LoadedView, Pinhole, Pose};
-use headbox_core::mip::{MipLevel, OddEdge};
+use headbox_core::image::mip::{MipLevel, OddEdge};
 use std::iter::successors;
 
 /// Grey image with the four texels of each bilinear lookup packed together.

@@ -5,7 +5,7 @@
 use super::picture::Grey;
 use super::relative::WarpedPlane;
 use fearless_simd::{Simd, SimdCvtFloat, SimdCvtTruncate, f32x16, prelude::*, u32x16};
-use headbox_core::texels;
+use headbox_core::image::texels;
 use std::sync::LazyLock;
 
 /// Number of pixels of a patch: six by six, every other one, without the corners.

@@ -1,7 +1,7 @@
 //! Push-pull hole filling: extends values smoothly to unknown pixels through an image pyramid
 //! (Gortler et al. 1996).
 
-use headbox_core::mip::{MipLevel, OddEdge};
+use headbox_core::image::mip::{MipLevel, OddEdge};
 use std::iter::successors;
 
 /// Weighted mean and weight (0..=1) of each pixel; weight 0 where unknown.

@@ -4,7 +4,7 @@ use super::depth_rows::LANES;
 use super::row_samples::{ImageSample, LinearColor16, RowSamples};
 use fearless_simd::f32x16;
 use fearless_simd::prelude::*;
-use headbox_core::texels::{blend_quads, gather_quads, locate};
+use headbox_core::image::texels::{blend_quads, gather_quads, locate};
 use headbox_images::LoadedView;
 
 /// Up to sixteen samples of an image without colour.

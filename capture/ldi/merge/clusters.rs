@@ -7,7 +7,7 @@
 use super::coverage::BinSpan;
 use crate::light::shade::SurfaceSample;
 use glam::Vec3;
-use headbox_core::tone::ToneMap;
+use headbox_core::color::tone::ToneMap;
 use headbox_cube::model::depth_bins::DepthBins;
 use headbox_cube::model::parameters::MergeRule;
 use headbox_cube::model::samples::{DepthPixel, EncodedNormal};

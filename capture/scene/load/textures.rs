@@ -3,7 +3,7 @@
 use super::notes::{Note, Notes};
 use crate::material::Texture;
 use headbox_core::color::srgb8_from_linear;
-use headbox_core::image_file;
+use headbox_core::image::codec;
 use image::DynamicImage;
 use rayon::prelude::*;
 use std::collections::HashMap;
@@ -162,8 +162,8 @@ impl Request {
     fn decode(&self) -> Result<Texture, String> {
         let image = match &self.source {
             Source::Absent(cause) => return Err(cause.clone()),
-            Source::Bytes(bytes) => image_file::decode(bytes, None, image_file::MAX_BYTES),
-            Source::File(path) => image_file::read(path, image_file::MAX_BYTES),
+            Source::Bytes(bytes) => codec::decode(bytes, None, codec::MAX_BYTES),
+            Source::File(path) => codec::read(path, codec::MAX_BYTES),
         };
         let image = image.map_err(|error| error.to_string())?;
         let (width, height) = (image.width(), image.height());

@@ -28,7 +28,7 @@ use crate::sampler::{random4, unit_float};
 use glam::Vec3;
 use guide::{Directions, Guide};
 use headbox_core::color::luminance;
-use headbox_core::tone::ToneMap;
+use headbox_core::color::tone::ToneMap;
 use headbox_scene::scene::{Sky, Sun, Surface};
 use light_tree::LightTree;
 use pilot::{Pilot, PilotPoint, percentile};
@@ -251,7 +251,7 @@ impl Lighting {
     /// [`crate::viewpoint::suggest_headbox`]. The logarithmic mean of luminance is exposed to
     /// middle grey, like a photographer's meter (Reinhard et al. 2002, "Photographic tone
     /// reproduction", without the compression), unless the scene specifies an exposure
-    /// ([`headbox_core::exposure::Exposure`]). If more than a third of the visible surfaces receive
+    /// ([`headbox_core::color::exposure::Exposure`]). If more than a third of the visible surfaces receive
     /// less than 1 % of the 90th percentile, a fill light of a tenth of it (or 1 in total darkness)
     /// is added.
     pub fn measure(tracer: &Tracer, bounces: u32) -> Self {

@@ -3,7 +3,7 @@
 use crate::output::{Outputs, PICTURE, print_json, save_picture};
 use anyhow::Context;
 use clap::Args;
-use headbox_core::image_file;
+use headbox_core::image::codec;
 use headbox_core::metrics;
 use std::path::{Path, PathBuf};
 
@@ -22,7 +22,7 @@ pub(crate) struct CompareCommand {
 }
 
 fn open(path: &Path) -> anyhow::Result<image::RgbImage> {
-    let image = image_file::read(path, image_file::MAX_BYTES)
+    let image = codec::read(path, codec::MAX_BYTES)
         .with_context(|| format!("{} could not be read as an image", path.display()))?;
     Ok(image.to_rgb8())
 }

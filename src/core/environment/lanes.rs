@@ -7,7 +7,7 @@
 
 use crate::cube_face::Face;
 use crate::environment::Environment;
-use crate::texels::{self, LANE_INDICES, LANES};
+use crate::image::texels::{self, LANE_INDICES, LANES};
 use fearless_simd::{ExtractToken, Simd, SimdCvtTruncate, f32x16, mask32x16, prelude::*, u32x16};
 use glam::Vec3;
 

@@ -1,6 +1,6 @@
 //! Checks of the inputs of metrics: image sizes and viewing conditions.
 
-use image::RgbImage;
+use ::image::RgbImage;
 
 /// Bytes per task: whole pixels, and 255^2 times this fits in `u32`.
 pub(super) const SCAN_BYTES: usize = 3 * (1 << 14);

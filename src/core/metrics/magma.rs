@@ -3,7 +3,7 @@
 //! By Nathaniel J. Smith and Stefan van der Walt (2015), released under CC0; here rounded to 8
 //! bits.
 
-use image::Rgb;
+use ::image::Rgb;
 
 /// Returns the color of a value in 0..=1: the nearest of 256 steps from black over purple to pale
 /// yellow.

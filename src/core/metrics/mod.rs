@@ -20,8 +20,8 @@ mod own_error;
 mod rows;
 pub mod ssim;
 
+use ::image::RgbImage;
 use comparable::{SCAN_BYTES, check_sizes};
-use image::RgbImage;
 use rayon::prelude::*;
 
 pub use comparable::{MAX_PIXELS_PER_DEGREE, MIN_PIXELS_PER_DEGREE, MetricError};

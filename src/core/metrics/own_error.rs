@@ -1,7 +1,7 @@
 //! Error of an image against noisy references.
 
 use super::comparable::{MetricError, SCAN_BYTES, check_sizes};
-use image::RgbImage;
+use ::image::RgbImage;
 use rayon::prelude::*;
 
 /// Error of an image, without the noise of the reference.
@@ -53,7 +53,7 @@ pub fn own_error(
 mod tests {
     use super::*;
     use crate::random::Rng;
-    use image::Rgb;
+    use ::image::Rgb;
 
     #[test]
     fn own_error_excludes_reference_noise() {

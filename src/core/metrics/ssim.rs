@@ -5,8 +5,8 @@
 //! `gaussian_weights=True, sigma=1.5, use_sample_covariance=False, data_range=255, channel_axis=-1`:
 //! windows of 11x11 pixels, the mean over red, green and blue on sRGB values.
 
+use ::image::RgbImage;
 use fearless_simd::Level;
-use image::RgbImage;
 use rayon::prelude::*;
 
 use super::comparable::{MetricError, check_sizes};

@@ -2,9 +2,9 @@
 
 use super::parameters::CaptureParameters;
 use glam::DVec3;
+use headbox_core::color::tone::ToneMap;
 use headbox_core::file_frame::FileFrame;
 use headbox_core::light_parameters::LightParameters;
-use headbox_core::tone::ToneMap;
 use serde::{Deserialize, Serialize};
 
 /// Header of a capture: its parameters and measurements; stored in the `.ldi` file.

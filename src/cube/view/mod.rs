@@ -19,11 +19,11 @@ use crate::pack::CubeLdi;
 use crate::render::footprint::splat::SplatKernel;
 use crate::render::{FrameStats, RenderSettings, Renderer};
 use glam::DVec3;
+use headbox_core::color::tone::ToneMap;
 use headbox_core::cube_face::Face;
 use headbox_core::file_frame::FileFrame;
 use headbox_core::frame::Frame;
 use headbox_core::headbox::Headbox;
-use headbox_core::tone::ToneMap;
 use headbox_core::view::paint::{figure, paint_holes};
 use headbox_core::view::{
     Figure, FrameReport, FrameRequest, OVERLAY, Origin, Rendered, Setting, SettingValues, Stage,

@@ -8,7 +8,7 @@ use glam::{DVec2, DVec3, Vec3};
 use headbox_core::camera::Camera;
 use headbox_core::color::srgb8_from_linear;
 use headbox_core::frame::{Coverage, Frame};
-use headbox_core::texels;
+use headbox_core::image::texels;
 use headbox_trace::bvh::Ray;
 use rayon::prelude::*;
 

@@ -4,7 +4,7 @@
 use crate::turns::{least, time_ms};
 use glam::Vec3;
 use headbox_core::camera::Camera;
-use headbox_core::srgb_table::encode_srgb;
+use headbox_core::color::srgb_table::encode_srgb;
 use headbox_house::house::House;
 use headbox_trace::bvh::{Hit, HitPacket, PACKET, Ray, RayPacket};
 use rayon::prelude::*;

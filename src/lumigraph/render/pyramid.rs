@@ -3,7 +3,7 @@
 
 use crate::{CameraGrid, Picture};
 use headbox_core::color::linear_from_srgb8;
-use headbox_core::mip::half_size;
+use headbox_core::image::mip::half_size;
 use rayon::prelude::*;
 
 /// Texel of an image: linear red, green and blue, 65535 for 1, and the layer index.

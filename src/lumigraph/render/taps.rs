@@ -3,7 +3,7 @@
 
 use super::pyramid::{Level, Texel};
 use fearless_simd::{ExtractToken, Simd, f32x16, i32x16, mask32x16, prelude::*, u32x4, u32x16};
-use headbox_core::texels::gather_wide_quads;
+use headbox_core::image::texels::gather_wide_quads;
 
 /// Number of pixels per vector.
 pub(super) const LANES: usize = 16;

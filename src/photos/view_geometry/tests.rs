@@ -186,8 +186,9 @@ fn pixels_match_f64_oracle() {
     {
         let at = corners.map(|node| {
             let node = node as usize;
-            [renderer.grid.x[node], renderer.grid.y[node]]
-                .map(|part| f64::from(part) / f64::from(headbox_core::triangle_scan::SUBPIXELS))
+            [renderer.grid.x[node], renderer.grid.y[node]].map(|part| {
+                f64::from(part) / f64::from(headbox_core::image::triangle_scan::SUBPIXELS)
+            })
         });
         let corner = |k: usize| {
             let node = corners[k] as usize;

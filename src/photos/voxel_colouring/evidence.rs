@@ -6,8 +6,8 @@ use super::reach::{overlap, seen_columns, seen_rows};
 use fearless_simd::prelude::*;
 use fearless_simd::{dispatch, f32x16, mask32x16, u32x16};
 use glam::Vec3;
+use headbox_core::image::texels::{LANE_INDICES, LANES};
 use headbox_core::simd;
-use headbox_core::texels::{LANE_INDICES, LANES};
 use std::ops::Range;
 
 /// Photographs that see part of a shell's face.

@@ -5,7 +5,7 @@ use fearless_simd::prelude::*;
 use fearless_simd::{f32x16, mask32x16, u32x16};
 use glam::{DMat3, DVec3, Vec3};
 use headbox_core::cube_face::Face;
-use headbox_core::texels::{blend_quads, gather_quads, locate};
+use headbox_core::image::texels::{blend_quads, gather_quads, locate};
 use headbox_images::{Lens, LoadedView};
 
 /// Photograph with its camera relative to a cube's centre.

@@ -6,9 +6,9 @@
 
 use glam::DVec3;
 use headbox_core::camera::Camera;
+use headbox_core::color::tone::ToneMap;
 use headbox_core::cube_face::Face;
 use headbox_core::progress::Progress;
-use headbox_core::tone::ToneMap;
 use headbox_cube::pack::CubeLdi;
 use headbox_cube::render::{RenderSettings, Renderer};
 use headbox_model::bake::{BakeOptions, bake_unmetered};

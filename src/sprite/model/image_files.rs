@@ -2,7 +2,7 @@
 
 use crate::SpriteWithDepth;
 use headbox_core::files::write_whole;
-use headbox_core::image_file;
+use headbox_core::image::codec;
 use headbox_images::{self as images, DepthPicture};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
@@ -55,7 +55,7 @@ impl SpriteWithDepth {
     /// [`ImageFileError::Io`].
     pub fn export(&self, color_png: &Path, depth_exr: &Path) -> Result<(), ImageFileError> {
         let color = self.sprite().color();
-        let png = image_file::png(
+        let png = codec::png(
             color.as_raw(),
             color.width(),
             color.height(),

@@ -1,6 +1,6 @@
 //! Texture of a sprite: premultiplied mip levels with transparent borders.
 
-use headbox_core::mip::{MipLevel, OddEdge};
+use headbox_core::image::mip::{MipLevel, OddEdge};
 use image::RgbaImage;
 use std::iter::successors;
 

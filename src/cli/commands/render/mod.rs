@@ -31,7 +31,7 @@ use headbox_cube::pack::CubeLdi;
 use headbox_cube::render::footprint::splat::SplatKernel;
 use headbox_cube::view::CubeView;
 use headbox_export::film;
-use headbox_export::stereo::View as Projection;
+use headbox_export::film::stereo::View as Projection;
 use headbox_house::file::HOUSE_FILE;
 use headbox_images::depth::DepthPicture;
 use headbox_lumigraph::LUMI_FILE;

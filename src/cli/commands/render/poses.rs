@@ -12,7 +12,7 @@ use headbox_core::progress::Progress;
 use headbox_core::simd;
 use headbox_core::statistics::median;
 use headbox_export::film;
-use headbox_export::stereo::View as Projection;
+use headbox_export::film::stereo::View as Projection;
 use headbox_scene::camera_path;
 use serde_json::json;
 use std::path::Path;

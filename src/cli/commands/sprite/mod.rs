@@ -14,7 +14,7 @@ use anyhow::{Context, bail};
 use clap::Args;
 use glam::DVec3;
 use headbox_core::depth_kind::DepthKind;
-use headbox_core::image_file;
+use headbox_core::image::codec;
 use headbox_images::depth::DepthPicture;
 use headbox_lab::sprite_range::SpriteRange;
 use headbox_ldi::scene_source::SceneSource;
@@ -258,7 +258,7 @@ impl SpriteCommand {
         let (Some(depth_path), Some(kind)) = (&self.import.depth, self.import.depth_kind) else {
             bail_usage!("--color needs --depth and --depth-kind");
         };
-        let color = image_file::read(color_path, image_file::MAX_BYTES);
+        let color = codec::read(color_path, codec::MAX_BYTES);
         let color = color
             .with_context(|| format!("{} could not be read as an image", color_path.display()))?
             .to_rgba8();
@@ -354,7 +354,7 @@ impl ImportArgs {
             _ if has_extension(path, "exr") => 1.0,
             // The maximum of an integer depth is 1, for any number of bits.
             DepthKind::WindowDepth | DepthKind::ReversedWindowDepth => {
-                match image_file::bits_per_channel(path) {
+                match codec::bits_per_channel(path) {
                     Ok(8) => 1.0 / 255.0,
                     _ => 1.0 / 65_535.0,
                 }

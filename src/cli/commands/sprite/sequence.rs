@@ -8,7 +8,7 @@ use crate::progress::Bar;
 use anyhow::{Context, bail};
 use clap::Args;
 use headbox_core::file_frame::FileFrame;
-use headbox_core::image_file;
+use headbox_core::image::codec;
 use headbox_core::progress::Progress;
 use headbox_images::ImageSet;
 use headbox_images::planar_layers::{Frames, LayerJob, MAX_LAYERS, Mask, PlanarLayers};
@@ -123,7 +123,7 @@ fn read_masks(folder: &Path) -> anyhow::Result<Vec<Mask>> {
         );
     }
     let read = |path: PathBuf| {
-        let picture = image_file::read(&path, image_file::MAX_BYTES);
+        let picture = codec::read(&path, codec::MAX_BYTES);
         let picture =
             picture.with_context(|| format!("{} could not be read as an image", path.display()))?;
         Ok(Mask {

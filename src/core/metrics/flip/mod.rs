@@ -3,7 +3,7 @@
 //! P. Andersson, J. Nilsson, T. Akenine-Moller, M. Oskarsson, K. Astrom, M. Fairchild, "FLIP: A
 //! Difference Evaluator for Alternating Images", HPG 2020. Implemented from the paper's definition,
 //! with the separation of its filters into rows and columns of the authors' note on separated
-//! convolutions; checked against their evaluator in `tests/library/metrics_flip.rs`.
+//! convolutions; checked against their evaluator in `tests/library/metrics/flip.rs`.
 //!
 //! The pipeline of a pixel: sRGB -> linear opponent color -> [`weights`] blur like the eye at this
 //! distance -> [`color`] difference; in parallel, luminance -> edges and points -> feature
@@ -15,8 +15,8 @@ mod color;
 mod math;
 mod weights;
 
+use ::image::RgbImage;
 use fearless_simd::{Level, dispatch};
-use image::RgbImage;
 use rayon::prelude::*;
 
 use self::color::{ColorSpace, FilteredRow, row_errors};

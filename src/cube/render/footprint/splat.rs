@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 /// Footprint of a sample in the frame, and how overlapping footprints are combined.
 ///
 /// Errors of each kernel, the loss from `Paper`'s size table, and rejected variants:
-/// docs/decisions/0047, measured by `tests/library/splat_quality.rs`.
+/// docs/decisions/0047, measured by `tests/library/cube/splat_quality.rs`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SplatKernel {

@@ -7,8 +7,8 @@ use super::Rim;
 use super::plan::{FrameSize, TextureSpan, TileInView};
 use crate::render::canvas::linear::{ALPHA_SHIFT, unpremultiply};
 use fearless_simd::{Level, Simd, SimdCvtTruncate, dispatch, f32x16, prelude::*, u32x16};
-pub(super) use headbox_core::texels::LANES;
-use headbox_core::texels::{blend_quads, gather_quads};
+pub(super) use headbox_core::image::texels::LANES;
+use headbox_core::image::texels::{blend_quads, gather_quads};
 use std::ops::Range;
 
 /// Least alpha that is drawn: a canvas gives any surface at least a twentieth of its pixel.

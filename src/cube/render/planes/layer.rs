@@ -63,7 +63,7 @@ impl DepthLayer<'_> {
 }
 
 /// Columns that are added to each row for whole registers.
-const MARGIN: usize = headbox_core::texels::LANES;
+const MARGIN: usize = headbox_core::image::texels::LANES;
 
 /// Rows above and below a band that are drawn where splats are tested at their centres.
 pub(crate) const ROWS_AROUND: u32 = 5;

@@ -5,7 +5,7 @@ use super::super::Part;
 use crate::ExportError;
 use headbox_core::camera::Camera;
 use headbox_core::cube_face::Face;
-use headbox_core::image_file::PictureError;
+use headbox_core::image::codec::PictureError;
 use headbox_cube::pack::CubeLdi;
 use headbox_cube::render::{RenderSettings, Renderer};
 use image::RgbImage;

@@ -1,6 +1,6 @@
 //! Positions of the nodes of a frame's grid, in subpixels.
 
-use headbox_core::triangle_scan::SUBPIXELS;
+use headbox_core::image::triangle_scan::SUBPIXELS;
 
 /// Grid of nodes over a frame. It extends one cell beyond the frame on every side.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -3,8 +3,8 @@
 use crate::view_geometry::render::fuse::NO_OWNER;
 use glam::Vec4;
 use headbox_core::color::linear_from_srgb8;
-use headbox_core::mip::{MipLevel, OddEdge};
-use headbox_core::texels::bilinear;
+use headbox_core::image::mip::{MipLevel, OddEdge};
+use headbox_core::image::texels::bilinear;
 use headbox_images::{LoadedView, MAX_DEPTH_M};
 use std::iter::successors;
 

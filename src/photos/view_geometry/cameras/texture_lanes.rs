@@ -3,7 +3,7 @@
 use super::picture::{LEAST_DEPTH, MASKED, Picture};
 use fearless_simd::prelude::*;
 use fearless_simd::{f32x16, i32x16, u32x16};
-use headbox_core::texels::{bilinear, gather_wide_quads};
+use headbox_core::image::texels::{bilinear, gather_wide_quads};
 
 /// Sixteen samples of an image.
 pub(crate) struct TextureSamples<S: Simd> {

@@ -14,7 +14,7 @@ use super::project::{Hit, Projection};
 use crate::view_geometry::cameras::lattice::Lattice;
 use crate::view_geometry::cameras::samples::Points;
 use crate::view_geometry::{EdgeRule, GeometrySettings};
-use headbox_core::triangle_scan::SUBPIXELS;
+use headbox_core::image::triangle_scan::SUBPIXELS;
 use rayon::prelude::*;
 
 /// Owner of a node without a sample.

@@ -7,7 +7,7 @@
 
 use super::fuse::{Grid, NO_OWNER};
 use super::texture_camera::TextureCamera;
-use headbox_core::triangle_scan::SUBPIXELS;
+use headbox_core::image::triangle_scan::SUBPIXELS;
 use rayon::prelude::*;
 
 /// Minimum number of nodes per parallel task.

@@ -6,8 +6,8 @@ use fearless_simd::prelude::*;
 use fearless_simd::{Level, dispatch, f32x16, i32x16, u32x16};
 use glam::{DVec3, Vec3};
 use headbox_core::camera::Camera;
-use headbox_core::texels::LANES;
-use headbox_core::triangle_scan::SUBPIXELS;
+use headbox_core::image::texels::LANES;
+use headbox_core::image::triangle_scan::SUBPIXELS;
 
 /// Near plane, metres.
 const NEAR_M: f32 = 1e-3;

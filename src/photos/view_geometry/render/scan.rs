@@ -11,7 +11,7 @@
 use super::fuse::Grid;
 use super::texture_camera::TextureCamera;
 use crate::view_geometry::EdgeRule;
-use headbox_core::triangle_scan::{EdgeFunction, SUBPIXELS, pixels_between};
+use headbox_core::image::triangle_scan::{EdgeFunction, SUBPIXELS, pixels_between};
 use rayon::prelude::*;
 use std::ops::Range;
 

@@ -15,9 +15,9 @@ use super::texture_camera::TextureCamera;
 use crate::view_geometry::Texturing;
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, dispatch, f32x16, mask32x16, u32x16};
+use headbox_core::color::srgb_table::{SrgbTable, encode_srgb};
 use headbox_core::frame::Coverage;
-use headbox_core::srgb_table::{SrgbTable, encode_srgb};
-use headbox_core::texels::LANE_INDICES;
+use headbox_core::image::texels::LANE_INDICES;
 use std::ops::Range;
 
 /// Factor from 16-bit linear light to the range 0 to 1.

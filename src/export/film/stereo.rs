@@ -5,7 +5,7 @@
 //! eyes move on a circle, and a column's rays leave it along its tangents (*Rendering
 //! Omni-directional Stereo Content*, Google, 2015). Here a few columns share an eye.
 
-use super::panorama::{bilinear, equirectangular, half_sphere, level_axes};
+use crate::film::panorama::{bilinear, equirectangular, half_sphere, level_axes};
 use glam::{DMat3, DVec3};
 use headbox_core::camera::{Camera, CameraError};
 use image::RgbImage;

@@ -1,7 +1,7 @@
 //! Promises of sprite rendering: accuracy against f64 oracles, equality of every way to run,
-//! answers to degenerate views. The oracles are in `sprite_oracle.rs`.
+//! answers to degenerate views. The oracles are in `oracle.rs`.
 
-use crate::sprite_oracle::{Waves, bilinear, camera, exact_source, look, picture, sprite};
+use super::oracle::{Waves, bilinear, camera, exact_source, look, picture, sprite};
 use glam::{DMat3, DVec3, dvec3};
 use headbox_core::camera::Camera;
 use headbox_core::simd::levels;

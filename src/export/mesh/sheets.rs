@@ -12,38 +12,38 @@ use headbox_cube::render::footprint::rules::MAX_SLOPE;
 use rayon::prelude::*;
 
 /// Columns of a sheet with its border.
-pub(super) const SHEET_COLUMNS: usize = 32;
+pub(crate) const SHEET_COLUMNS: usize = 32;
 /// Rows of a sheet with its border.
-pub(super) const SHEET_ROWS: usize = 16;
+pub(crate) const SHEET_ROWS: usize = 16;
 /// Entries of a sheet.
-pub(super) const SHEET_LEN: usize = SHEET_COLUMNS * SHEET_ROWS;
+pub(crate) const SHEET_LEN: usize = SHEET_COLUMNS * SHEET_ROWS;
 const TILE_COLUMNS: u32 = SHEET_COLUMNS as u32 - 2;
 const TILE_ROWS: u32 = SHEET_ROWS as u32 - 2;
 
 /// Sample on a sheet.
 #[derive(Clone, Copy)]
-pub(super) struct SheetSample {
+pub(crate) struct SheetSample {
     /// Inverse depth, 1/m.
-    pub(super) inverse_depth: f64,
+    pub(crate) inverse_depth: f64,
     /// Change of the inverse depth per pixel right and down on the sample's plane, 1/m.
-    pub(super) slopes: [f64; 2],
+    pub(crate) slopes: [f64; 2],
     /// sRGB, straight alpha.
-    pub(super) color_srgb: [u8; 4],
+    pub(crate) color_srgb: [u8; 4],
 }
 
 /// Image of one surface.
-pub(super) struct SurfaceSheet {
-    pub(super) face: Face,
+pub(crate) struct SurfaceSheet {
+    pub(crate) face: Face,
     /// Face position of its upper left corner; -1 where the border is outside of the face.
-    pub(super) origin: [f64; 2],
+    pub(crate) origin: [f64; 2],
     /// [`SHEET_LEN`] entries, row by row.
-    pub(super) entries: Vec<Option<SheetSample>>,
+    pub(crate) entries: Vec<Option<SheetSample>>,
     /// Number of samples inside the border.
-    pub(super) samples: u32,
+    pub(crate) samples: u32,
 }
 
 /// Makes all sheets of a cube with samples inside their borders.
-pub(super) fn sheets(cube: &CubeLdi) -> Vec<SurfaceSheet> {
+pub(crate) fn sheets(cube: &CubeLdi) -> Vec<SurfaceSheet> {
     let tiles = Face::ALL.into_iter().flat_map(|face| {
         let rows = 0..cube.face_size_px.div_ceil(TILE_ROWS);
         rows.flat_map(move |row| {

@@ -2,7 +2,7 @@
 
 use std::f64::consts::PI;
 
-use crate::metrics_images::{constant, pairs, pattern};
+use super::images::{constant, pairs, pattern};
 use headbox_core::metrics::{
     DEFAULT_PIXELS_PER_DEGREE, FlipMap, MAX_PIXELS_PER_DEGREE, MetricError, flip_map,
 };

@@ -7,15 +7,15 @@ use headbox_cube::pack::CubeLdi;
 use headbox_cube::render::footprint::rules::MAX_SLOPE;
 
 /// Surface element of one sample.
-pub(super) struct Surfel {
+pub(crate) struct Surfel {
     /// Position in world axes, metres from the centre of the headbox.
-    pub(super) position: DVec3,
+    pub(crate) position: DVec3,
     /// Unit normal, world axes.
-    pub(super) normal: DVec3,
+    pub(crate) normal: DVec3,
     /// Offsets to the next samples of the surface, right and down on the face, metres.
-    pub(super) along: [DVec3; 2],
+    pub(crate) along: [DVec3; 2],
     /// Straight alpha.
-    pub(super) color_srgb: [u8; 4],
+    pub(crate) color_srgb: [u8; 4],
 }
 
 impl Surfel {
@@ -49,7 +49,7 @@ impl Surfel {
 
 /// Returns the inverse depth, 1/m, for samples at infinity: so small that no eye in the headbox
 /// sees them move by a face pixel.
-pub(super) fn min_inverse_depth(cube: &CubeLdi) -> f64 {
+pub(crate) fn min_inverse_depth(cube: &CubeLdi) -> f64 {
     let farthest = cube
         .segments
         .iter()
@@ -61,19 +61,19 @@ pub(super) fn min_inverse_depth(cube: &CubeLdi) -> f64 {
 
 /// Returns the distance of the environment, metres: behind samples at infinity, to avoid z-fighting
 /// with them.
-pub(super) fn environment_distance(cube: &CubeLdi) -> f64 {
+pub(crate) fn environment_distance(cube: &CubeLdi) -> f64 {
     1.2 / min_inverse_depth(cube)
 }
 
 /// Converts a texel from premultiplied to straight alpha.
-pub(super) fn straight([r, g, b, a]: [u8; 4]) -> [u8; 4] {
+pub(crate) fn straight([r, g, b, a]: [u8; 4]) -> [u8; 4] {
     let divide = |c: u8| (u32::from(c) * 255 / u32::from(a).max(1)).min(255) as u8;
     [divide(r), divide(g), divide(b), a]
 }
 
 /// Iterates over all samples, all texels of plane textures, and with `sky` those of the environment,
 /// at a large distance.
-pub(super) fn surfels(cube: &CubeLdi, sky: bool) -> impl Iterator<Item = Surfel> {
+pub(crate) fn surfels(cube: &CubeLdi, sky: bool) -> impl Iterator<Item = Surfel> {
     let environment = sky.then(|| environment(cube)).into_iter().flatten();
     samples(cube).chain(texels(cube)).chain(environment)
 }
@@ -139,15 +139,15 @@ fn environment(cube: &CubeLdi) -> impl Iterator<Item = Surfel> {
 
 /// Gaussian on a surface: the axes of its ellipse and the normal, orthonormal and right-handed, and
 /// its two standard deviations.
-pub(super) struct Ellipse {
-    pub(super) axes: [Vec3; 3],
-    pub(super) deviations: [f32; 2],
+pub(crate) struct Ellipse {
+    pub(crate) axes: [Vec3; 3],
+    pub(crate) deviations: [f32; 2],
 }
 
 impl Surfel {
     /// Returns the ellipse of a Gaussian with a standard deviation of `spacings` sample spacings:
     /// the principal axes of both steps.
-    pub(super) fn ellipse(&self, spacings: f64) -> Ellipse {
+    pub(crate) fn ellipse(&self, spacings: f64) -> Ellipse {
         let [a, b] = self.along;
         let first = a
             .try_normalize()

@@ -1,10 +1,10 @@
 //! Promises of each kind of backdrop: squares of the walls at their positions, and the rules of R2,
 //! R3, R8, R9.
 
-use crate::common::capture::one_layer;
-use crate::three_rooms::{
+use super::three_rooms::{
     QUALITY, camera, enlarged, house, mean_error, poses, stocked, truth, wrong_share, wrong_squares,
 };
+use crate::common::capture::one_layer;
 use glam::{DVec2, DVec3, dvec3};
 use headbox_core::camera::Camera;
 use headbox_core::cube_face::Face;

@@ -1,8 +1,8 @@
 //! Decoding and encoding of image files in memory. Only this module calls the codecs: they are
 //! generic over their source and would be compiled again for each.
 
-use image::codecs::png::PngEncoder;
-use image::{
+use ::image::codecs::png::PngEncoder;
+use ::image::{
     DynamicImage, ExtendedColorType, ImageDecoder, ImageEncoder, ImageError, ImageFormat,
     ImageReader, Limits,
 };
@@ -106,8 +106,8 @@ pub fn png(
 ) -> Result<Vec<u8>, PictureError> {
     let bytes = u64::from(width) * u64::from(height) * u64::from(kind.bits_per_pixel()) / 8;
     if bytes != pixels.len() as u64 {
-        let kind = image::error::ParameterErrorKind::DimensionMismatch;
-        return Err(ImageError::Parameter(image::error::ParameterError::from_kind(kind)).into());
+        let kind = ::image::error::ParameterErrorKind::DimensionMismatch;
+        return Err(ImageError::Parameter(::image::error::ParameterError::from_kind(kind)).into());
     }
     let mut file = Vec::new();
     PngEncoder::new(&mut file).write_image(pixels, width, height, kind)?;

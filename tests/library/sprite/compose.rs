@@ -1,14 +1,14 @@
 //! Promises of composed frames (S25, D14): sprites, cube LDIs and polygons.
 
-use crate::sprite_files::card;
-use crate::sprite_oracle::look;
+use super::files::card;
+use super::oracle::look;
 use glam::{DVec3, Vec2, Vec3, dvec3};
 use headbox::Capture;
 use headbox_core::camera::Camera;
+use headbox_core::color::tone::ToneMap;
 use headbox_core::frame::Frame;
 use headbox_core::metrics::psnr_db;
 use headbox_core::progress::Silent;
-use headbox_core::tone::ToneMap;
 use headbox_cube::model::parameters::CaptureParameters;
 use headbox_cube::pack::{CubeLdi, SplatIndexLayout, Split};
 use headbox_cube::planes;

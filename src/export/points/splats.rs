@@ -4,9 +4,9 @@
 //! Positions are metres from the centre of the headbox, X right, Y down, Z ahead, like those of
 //! trained splats.
 
-use super::ExportError;
-use super::surfels::{Ellipse, Surfel, surfels};
-use crate::ply;
+use crate::ExportError;
+use crate::points::ply;
+use crate::points::surfels::{Ellipse, Surfel, surfels};
 use glam::{Mat3, Quat, Vec3};
 use headbox_cube::pack::CubeLdi;
 use std::io::Write;

@@ -1,7 +1,7 @@
 //! A walk through three rooms: geometry against truth, at doors, in walls and without images;
 //! files, tours and paths. For backdrops see `portal_backdrops.rs`.
 
-use crate::three_rooms::{
+use super::three_rooms::{
     QUALITY, camera, house, poses, rooms, stocked, three_rooms, truth, wrong_share,
 };
 use glam::dvec3;

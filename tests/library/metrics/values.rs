@@ -1,14 +1,14 @@
 //! PSNR, SSIM and the share of differing pixels: scikit-image's figures, closed forms and hand-made
 //! cases.
 
-use crate::metrics_images::{constant, pairs, pattern, shifted};
+use super::images::{constant, pairs, pattern, shifted};
 use headbox_core::metrics::{
     Comparison, MetricError, compare, compare_with_map, differing_fraction, psnr_db, ssim,
 };
 use image::{Rgb, RgbImage};
 
 /// Figures of scikit-image 0.26.0 with NumPy 2.4.6 for [`pairs`] of two sizes, of which the second
-/// is the least that it accepts in one direction. Made by the formulas of `metrics_images` in NumPy
+/// is the least that it accepts in one direction. Made by the formulas of `images` in NumPy
 /// and `structural_similarity(a, b, channel_axis=-1, gaussian_weights=True, sigma=1.5,
 /// use_sample_covariance=False, data_range=255)`, printed to 12 decimals.
 #[rustfmt::skip]
@@ -181,7 +181,7 @@ fn differing_pixels_are_counted_once() {
 fn metrics_grow_with_the_error() {
     let image = pattern(120, 90);
     let worse: Vec<Comparison> = [4, 16, 64]
-        .map(|strength| compare(&image, &crate::metrics_images::noisy(&image, strength)).unwrap())
+        .map(|strength| compare(&image, &super::images::noisy(&image, strength)).unwrap())
         .to_vec();
     assert!(worse.is_sorted_by(|a, b| a.flip < b.flip && a.psnr_db > b.psnr_db && a.ssim > b.ssim));
 }

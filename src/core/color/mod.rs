@@ -1,5 +1,9 @@
 //! Conversion between sRGB and linear light, and luminance.
 
+pub mod exposure;
+pub mod srgb_table;
+pub mod tone;
+
 /// Converts an 8-bit sRGB value to linear light.
 pub fn linear_from_srgb8(value: u8) -> f32 {
     LINEAR_FROM_SRGB8[usize::from(value)]

@@ -1,16 +1,17 @@
 //! GLB files for engines: quadrilaterals with unlit textures, and the environment as a box around
 //! them.
 
-use super::ExportError;
-use super::atlas::{AtlasPicture, PAGE_PX};
-use super::mesh::TexturedQuads;
-use crate::atlas;
+use crate::ExportError;
 use crate::mesh;
-use crate::{sheets, surfels};
+use crate::mesh::TexturedQuads;
+use crate::mesh::atlas;
+use crate::mesh::atlas::{AtlasPicture, PAGE_PX};
+use crate::mesh::sheets;
+use crate::points::surfels;
 use glam::DVec3;
 use headbox_core::cube_face::Face;
 use headbox_core::headbox::Headbox;
-use headbox_core::image_file::PictureError;
+use headbox_core::image::codec::PictureError;
 use headbox_cube::model::samples::CubeSamples;
 use headbox_cube::pack::{CubeLdi, Split};
 use headbox_cube::planes as primitives;
@@ -53,7 +54,7 @@ pub struct GlbSummary {
 /// # Errors
 /// [`ExportError`].
 pub fn write(cube: &CubeLdi, budget: u64, to: &mut dyn Write) -> Result<GlbSummary, ExportError> {
-    super::check_memory(cube)?;
+    crate::check_memory(cube)?;
     let with_planes;
     let cube = if cube.planes.tiles.is_empty() && cube.depth_pixel_count() > 0 {
         let mut ldi: CubeSamples = cube.unpack();
@@ -285,7 +286,7 @@ impl File {
                         .map_err(PictureError::from)?;
                     self.add_textured(mesh, &jpeg, "image/jpeg", false);
                 } else {
-                    let png = super::png(&page.texels, [width, height], PNG_EFFORT)?;
+                    let png = crate::png(&page.texels, [width, height], PNG_EFFORT)?;
                     self.add_textured(mesh, &png, "image/png", true);
                 }
             }
@@ -315,7 +316,7 @@ impl File {
                 corners.map(|[x, y]| face.direction(x, y, size) * distance),
                 corners.map(|[x, y]| [inset(x), inset(y)]),
             );
-            let png = super::png(texels, [size, size], PNG_EFFORT)?;
+            let png = crate::png(texels, [size, size], PNG_EFFORT)?;
             self.add_textured(
                 &mesh,
                 &png,

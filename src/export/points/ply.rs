@@ -1,7 +1,7 @@
 //! PLY files of points, and the header of all PLY files.
 
-use super::ExportError;
-use super::surfels::surfels;
+use crate::ExportError;
+use crate::points::surfels::surfels;
 use headbox_cube::pack::CubeLdi;
 use std::io::Write;
 
@@ -26,7 +26,7 @@ pub fn write_points(cube: &CubeLdi, to: &mut dyn Write) -> Result<(), ExportErro
 }
 
 /// Writes the header of a file with a vertex for each of [`surfels`].
-pub(super) fn write_header<'a>(
+pub(crate) fn write_header<'a>(
     to: &mut dyn Write,
     cube: &CubeLdi,
     sky: bool,

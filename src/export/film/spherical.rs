@@ -2,11 +2,11 @@
 //! video's sample entry), which give players the projection and each eye's half. ffmpeg converts
 //! them to WebM's elements.
 
-use super::stereo::View;
+use crate::film::stereo::View;
 use std::io;
 
 /// Spherical projection of a film.
-pub(super) struct Spherical {
+pub(crate) struct Spherical {
     /// `stereo_mode` of `st3d`: 0 for one eye, 1 with the left eye above, 2 with the left eye on
     /// the left.
     stereo: u8,
@@ -17,7 +17,7 @@ pub(super) struct Spherical {
 
 impl Spherical {
     /// Returns the projection of a view; `None` for perspective views.
-    pub(super) fn for_view(view: View) -> Option<Self> {
+    pub(crate) fn for_view(view: View) -> Option<Self> {
         let (stereo, cropped) = match view {
             View::Panorama => (0, 0),
             View::StereoPanorama(_) => (1, 0),
@@ -31,7 +31,7 @@ impl Spherical {
     ///
     /// # Errors
     /// If it is not such a file.
-    pub(super) fn add_metadata(&self, mut film: Vec<u8>) -> io::Result<Vec<u8>> {
+    pub(crate) fn add_metadata(&self, mut film: Vec<u8>) -> io::Result<Vec<u8>> {
         let wrong = || {
             io::Error::other("the film that ffmpeg made has no video track where one is expected")
         };

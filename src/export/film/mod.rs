@@ -1,7 +1,11 @@
 //! Films: encodes frames to MP4 or WebM with an installed ffmpeg, or to an animated PNG or GIF.
 
-use super::spherical::Spherical;
-use super::stereo::View;
+pub mod panorama;
+mod spherical;
+pub mod stereo;
+
+use crate::film::spherical::Spherical;
+use crate::film::stereo::View;
 use headbox_core::files::write_whole;
 use image::codecs::gif::{GifEncoder, Repeat};
 use image::{Delay, RgbImage};

@@ -3,7 +3,7 @@
 use glam::{DMat3, DVec3};
 use headbox_core::camera::{Camera, CameraError};
 use headbox_core::cube_face::Face;
-use headbox_core::texels;
+use headbox_core::image::texels;
 use image::RgbImage;
 use std::f64::consts::{PI, TAU};
 use std::ops::Range;
@@ -75,7 +75,7 @@ fn columns<E: From<CameraError>>(
 }
 
 /// Returns the axes of a panorama centred on a camera's heading, but level: right, up, back.
-pub(super) fn level_axes(camera: &Camera) -> DMat3 {
+pub(crate) fn level_axes(camera: &Camera) -> DMat3 {
     let ahead = DVec3::new(camera.forward().x, 0.0, camera.forward().z)
         .try_normalize()
         .unwrap_or(DVec3::NEG_Z);
@@ -92,7 +92,7 @@ fn direction([x, y]: [f64; 2], height: f64) -> DVec3 {
     )
 }
 
-pub(super) fn bilinear(picture: &RgbImage, [x, y]: [f32; 2]) -> image::Rgb<u8> {
+pub(crate) fn bilinear(picture: &RgbImage, [x, y]: [f32; 2]) -> image::Rgb<u8> {
     let (left, top) = (x.floor(), y.floor());
     let at = |dx: f32, dy: f32| {
         let clamp = |v: f32, size: u32| v.clamp(0.0, size as f32 - 1.0) as u32;

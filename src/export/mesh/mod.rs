@@ -1,9 +1,13 @@
 //! Captures as textured quadrilaterals: plane textures, and sheets of samples that are split until
 //! a plane fits them.
 
-use super::atlas::AtlasPicture;
-use super::sheets::{SHEET_COLUMNS, SHEET_ROWS, SurfaceSheet};
-use super::surfels::straight;
+mod atlas;
+pub mod glb;
+mod sheets;
+
+use crate::mesh::atlas::AtlasPicture;
+use crate::mesh::sheets::{SHEET_COLUMNS, SHEET_ROWS, SurfaceSheet};
+use crate::points::surfels::straight;
 use glam::{DMat3, DVec3, dvec3};
 use headbox_core::cube_face::Face;
 use headbox_cube::pack::CubeLdi;
@@ -23,21 +27,21 @@ const SLOPE_WEIGHT: f64 = 0.02;
 
 /// Quadrilateral in space with its texture coordinates.
 #[derive(Clone, Copy)]
-pub(super) struct Quad {
+pub(crate) struct Quad {
     /// Upper left, upper right, lower left, lower right corner; metres from the centre.
-    pub(super) corners: [DVec3; 4],
+    pub(crate) corners: [DVec3; 4],
     /// The same corners in the texture, pixels.
-    pub(super) texels: [[f64; 2]; 4],
+    pub(crate) texels: [[f64; 2]; 4],
 }
 
 /// Texture and the quadrilaterals that show its parts ("chart").
-pub(super) struct TexturedQuads {
-    pub(super) picture: AtlasPicture,
-    pub(super) quads: Vec<Quad>,
+pub(crate) struct TexturedQuads {
+    pub(crate) picture: AtlasPicture,
+    pub(crate) quads: Vec<Quad>,
     /// True if every texel is opaque.
-    pub(super) opaque: bool,
+    pub(crate) opaque: bool,
     /// Number of samples in the texture.
-    pub(super) samples: u32,
+    pub(crate) samples: u32,
 }
 
 /// Returns true if texels stay in place although engines interpolate them linearly over a receding
@@ -50,7 +54,7 @@ fn keeps_texels_in_place(length_px: f64, [q0, q1]: [f64; 2]) -> bool {
 
 /// Makes charts of sheets. Seen from the headbox, no sample is displaced by more than `error_px`
 /// face pixels.
-pub(super) fn sheet_charts(
+pub(crate) fn sheet_charts(
     cube: &CubeLdi,
     sheets: &[SurfaceSheet],
     error_px: f64,
@@ -90,9 +94,9 @@ impl Rectangle {
 }
 
 /// Makes charts of the plane textures.
-pub(super) fn plane_charts(cube: &CubeLdi) -> Vec<TexturedQuads> {
+pub(crate) fn plane_charts(cube: &CubeLdi) -> Vec<TexturedQuads> {
     let (set, face_px) = (&cube.planes, cube.face_size_px);
-    let min_inverse_depth = super::surfels::min_inverse_depth(cube);
+    let min_inverse_depth = crate::points::surfels::min_inverse_depth(cube);
     let chart = |tile: &headbox_cube::pack::PlaneTile| {
         let (width, height) = (usize::from(tile.width), usize::from(tile.height));
         let picture = with_border(set.texels.get(tile.texel_range())?, width, height);
@@ -381,7 +385,7 @@ mod tests {
     fn walls_are_quadrilaterals_on_their_planes() {
         let face_px = 64;
         let cube = two_walls(face_px);
-        let charts = sheet_charts(&cube, &crate::sheets::sheets(&cube), 0.5);
+        let charts = sheet_charts(&cube, &sheets::sheets(&cube), 0.5);
         let mut area = [0.0; 2];
         for quad in charts.iter().flat_map(|chart| &chart.quads) {
             let wall = usize::from(quad.corners[0].z < -3.0);

@@ -1,34 +1,34 @@
 //! Texture atlas: packs many small images into few large pages.
 
 /// Size of a page, pixels: supported by every engine and phone.
-pub(super) const PAGE_PX: usize = 4096;
+pub(crate) const PAGE_PX: usize = 4096;
 
 /// Image to be placed in the atlas.
-pub(super) struct AtlasPicture {
-    pub(super) width: usize,
-    pub(super) height: usize,
+pub(crate) struct AtlasPicture {
+    pub(crate) width: usize,
+    pub(crate) height: usize,
     /// sRGB, straight alpha; rows from the top.
-    pub(super) texels: Vec<[u8; 4]>,
+    pub(crate) texels: Vec<[u8; 4]>,
 }
 
 /// Position of an image in the atlas.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct AtlasPlace {
-    pub(super) page: usize,
-    pub(super) x: usize,
-    pub(super) y: usize,
+pub(crate) struct AtlasPlace {
+    pub(crate) page: usize,
+    pub(crate) x: usize,
+    pub(crate) y: usize,
 }
 
 /// Page, as high as the images on it.
-pub(super) struct AtlasPage {
-    pub(super) height: usize,
+pub(crate) struct AtlasPage {
+    pub(crate) height: usize,
     /// Texels, [`PAGE_PX`] per row.
-    pub(super) texels: Vec<[u8; 4]>,
+    pub(crate) texels: Vec<[u8; 4]>,
 }
 
 /// Packs images in rows ("shelves"), the tallest first. Images are at most [`PAGE_PX`] wide and
 /// high.
-pub(super) fn pack(pictures: &[&AtlasPicture]) -> (Vec<AtlasPlace>, Vec<AtlasPage>) {
+pub(crate) fn pack(pictures: &[&AtlasPicture]) -> (Vec<AtlasPlace>, Vec<AtlasPage>) {
     let mut order: Vec<usize> = (0..pictures.len()).collect();
     order.sort_by_key(|i| (std::cmp::Reverse(pictures[*i].height), *i));
     let mut places = vec![AtlasPlace::default(); pictures.len()];

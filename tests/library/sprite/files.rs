@@ -1,6 +1,6 @@
 //! Promises of sprite files and sets: round trips, damage, order, capture from a scene.
 
-use crate::sprite_oracle::{Waves, look, picture, sprite};
+use super::oracle::{Waves, look, picture, sprite};
 use glam::{DVec3, dvec3};
 use headbox_core::camera::Camera;
 use headbox_core::depth_kind::DepthKind;

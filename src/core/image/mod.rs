@@ -1,0 +1,7 @@
+//! Images in memory: decoding and encoding, mip pyramids, bilinear samples, and the pixels that a
+//! triangle covers.
+
+pub mod codec;
+pub mod mip;
+pub mod texels;
+pub mod triangle_scan;

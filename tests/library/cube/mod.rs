@@ -1,0 +1,12 @@
+//! Promises of the cube LDI: packing, plane textures, the warp.
+
+mod packed_ldi;
+mod primitives;
+mod splat_quality;
+mod version_1;
+mod warp_analytic;
+mod warp_bands;
+mod warp_fragments;
+mod warp_hard_cases;
+mod warp_oracle;
+mod warp_stamps;

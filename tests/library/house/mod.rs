@@ -1,0 +1,8 @@
+//! Promises of houses: culling, backdrops, walks, the rasteriser.
+
+mod portal_backdrops;
+mod portal_cull;
+mod portal_eyes;
+mod portal_walk;
+mod raster;
+mod three_rooms;

@@ -1,0 +1,5 @@
+//! Promises of image metrics.
+
+mod flip;
+mod images;
+mod values;

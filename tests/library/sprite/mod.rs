@@ -1,0 +1,7 @@
+//! Promises of sprites with depth and of compositions.
+
+mod compose;
+mod figure;
+mod files;
+mod oracle;
+mod warp;
