@@ -75,6 +75,26 @@ impl FileFrame {
         (1e-9..=1e9).contains(&self.unit_m)
     }
 
+    /// Returns the name of the unit, if it has one.
+    pub fn unit_name(&self) -> Option<&'static str> {
+        const NAMES: [(f64, &str); 6] = [
+            (1.0, "m"),
+            (0.1, "dm"),
+            (0.01, "cm"),
+            (0.001, "mm"),
+            (0.0254, "in"),
+            (0.3048, "ft"),
+        ];
+        let is_unit = |(unit_m, _): &&(f64, &str)| (self.unit_m / unit_m - 1.0).abs() < 1e-6;
+        NAMES.iter().find(is_unit).map(|(_, name)| *name)
+    }
+
+    /// Returns the number of decimals with which positions in the file's unit are exact to a
+    /// millimetre.
+    pub fn millimetre_decimals(&self) -> usize {
+        (self.unit_m * 1000.0).log10().ceil().clamp(0.0, 12.0) as usize
+    }
+
     /// Inverse of [`Self::world_from_file`].
     pub fn file_from_world(&self, p: DVec3) -> DVec3 {
         let p = p / self.unit_m;
@@ -82,5 +102,31 @@ impl FileFrame {
             UpAxis::Y => p,
             UpAxis::Z => DVec3::new(p.x, -p.z, p.y),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn units_have_names_and_millimetre_decimals() {
+        let frame = |unit_m| FileFrame {
+            unit_m,
+            ..FileFrame::default()
+        };
+        let named = [1.0, 0.01, 0.001, 0.0254, 0.7, 1e-5].map(|unit_m| {
+            let frame = frame(unit_m);
+            (frame.unit_name(), frame.millimetre_decimals())
+        });
+        let expected = [
+            (Some("m"), 3),
+            (Some("cm"), 1),
+            (Some("mm"), 0),
+            (Some("in"), 2),
+            (None, 3),
+            (None, 0),
+        ];
+        assert_eq!(named, expected);
     }
 }

@@ -73,6 +73,8 @@ impl InfoCommand {
             print_json(&json!({
                 "kind": CUBE_LDI.name, "bytes": bytes, "depth_pixels": cube.depth_pixel_count(), "faces": faces,
                 "face_size": cube.face_size_px, "layout": cube.layout, "environment_size": cube.environment.size_px,
+                "center": cube.info.frame.file_from_world(cube.info.centre),
+                "half_size": cube.info.half_size_m / cube.info.frame.unit_m,
                 "capture": cube.info, "planes": planes_json(&cube), "ok": true,
             }));
             return Ok(());

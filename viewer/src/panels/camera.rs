@@ -6,32 +6,36 @@ use crate::input::keymap::Command;
 use crate::input::pose::Pose;
 use crate::input::steering::Eye;
 use egui::{Checkbox, DragValue, Slider, Ui};
-use glam::DVec3;
+use headbox_core::file_frame::FileFrame;
 
-/// Shows the controls; the eye stays inside `bounds`.
+/// Shows the controls. Positions are in the axes and unit of the scene's file, like those of the
+/// command line; the eye stays inside `bounds`.
 pub(crate) fn show(
     ui: &mut Ui,
     eye: &mut Eye,
     bounds: Option<&EyeBounds>,
+    frame: &FileFrame,
     now_s: f64,
     commands: &mut Vec<Command>,
 ) {
     // A control may round the value that it shows, so only changed values are applied.
     let mut moved = false;
     ui.horizontal(|ui| {
-        let names = ["X (right)", "Y (up)", "Z (back)"];
         let before = eye.pose.eye;
-        let mut wanted = before;
-        for (i, name) in names.into_iter().enumerate() {
+        let unit = frame.unit_name().map_or(String::new(), |unit| format!(" {unit}"));
+        let decimals = frame.millimetre_decimals();
+        for (i, name) in ["X", "Y", "Z"].into_iter().enumerate() {
+            let mut wanted = frame.file_from_world(before);
             let value = DragValue::new(&mut wanted[i])
-                .speed(0.005)
-                .fixed_decimals(3)
-                .suffix(" m");
-            let response = ui
-                .add(value)
-                .on_hover_text(format!("{name} of the eye in the world, in metres."));
-            if response.changed() {
-                let by = DVec3::AXES[i] * (wanted[i] - before[i]);
+                .speed(0.005 / frame.unit_m)
+                .fixed_decimals(decimals)
+                .suffix(&unit);
+            let tip = format!(
+                "{name} of the eye, in the axes and unit of the scene's file ({} points up), as in --eye.",
+                frame.up
+            );
+            if ui.add(value).on_hover_text(tip).changed() {
+                let by = frame.world_from_file(wanted) - before;
                 eye.pose.eye = bounds.map_or(before + by, |bounds| bounds.soft_move(before, by));
                 moved = true;
             }

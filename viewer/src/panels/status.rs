@@ -4,18 +4,25 @@ use crate::input::pose::Pose;
 use crate::playback::path_recorder::PathRecorder;
 use crate::thread::exchange::FinishedFrame;
 use egui::{Align, Layout, Ui};
+use headbox_core::file_frame::FileFrame;
 
-/// Shows the eye's position, the frame's size, and the frame rate.
+/// Shows the eye's position in the axes and unit of the scene's file, the frame's size, and the
+/// frame rate.
 pub(crate) fn show(
     ui: &mut Ui,
     pose: &Pose,
+    frame: &FileFrame,
     shown: Option<&FinishedFrame>,
     recorder: &PathRecorder,
 ) {
     ui.horizontal(|ui| {
-        let eye = pose.eye;
-        ui.monospace(format!("eye {:8.3} {:8.3} {:8.3} m", eye.x, eye.y, eye.z))
-            .on_hover_text("Position of the eye: right, up, back, in metres.");
+        let [x, y, z] = frame.file_from_world(pose.eye).to_array();
+        let decimals = frame.millimetre_decimals();
+        let unit = frame.unit_name().unwrap_or_default();
+        ui.monospace(format!("eye {x:8.decimals$} {y:8.decimals$} {z:8.decimals$} {unit}"))
+            .on_hover_text(
+                "Position of the eye in the axes and unit of the scene's file, as in --eye.",
+            );
         ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
             ui.weak("F1: keys").on_hover_text("F1 lists the keys.");
             if let Some(shown) = shown {

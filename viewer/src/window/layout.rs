@@ -5,6 +5,7 @@ use crate::input::keymap::Command;
 use crate::panels::{button, camera, display, record, section, source, statistics, status, theme};
 use crate::window::app::Viewer;
 use egui::{Area, Button, Context, Frame, Id, Label, Panel, RichText, ScrollArea, Ui, vec2};
+use headbox_core::file_frame::FileFrame;
 
 /// Initial width of the side panel, points.
 const WIDTH_POINTS: f32 = 290.0;
@@ -32,7 +33,12 @@ impl Viewer {
             return self.panel_over_frame(ui.ctx(), now_s);
         }
         Panel::bottom("status").resizable(false).show(ui, |ui| {
-            status::show(ui, &self.eye.pose, self.shown.as_ref(), &self.path_recorder);
+            let frame = self
+                .info
+                .as_ref()
+                .map_or_else(FileFrame::default, |info| info.file_frame);
+            let shown = self.shown.as_ref();
+            status::show(ui, &self.eye.pose, &frame, shown, &self.path_recorder);
         });
         Panel::left("panel")
             .resizable(true)
@@ -130,6 +136,7 @@ impl Viewer {
                 ui,
                 &mut self.eye,
                 info.bounds.as_ref(),
+                &info.file_frame,
                 now_s,
                 &mut self.commands,
             );
