@@ -18,7 +18,7 @@ pub struct SceneSource {
     #[serde(flatten)]
     pub options: LoadOptions,
     /// Light, where it differs from the scene's own.
-    #[serde(default)]
+    #[serde(default = "LightParameters::unspecified")]
     pub light: LightParameters,
 }
 

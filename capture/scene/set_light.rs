@@ -2,7 +2,6 @@
 
 use crate::scene::{Scene, Sky, SkyError, SkyPicture, Sun};
 use headbox_core::color::luminance;
-use headbox_core::color::tone::ToneMap;
 use headbox_core::light_parameters::LightParameters;
 use std::sync::Arc;
 
@@ -29,11 +28,7 @@ impl Scene {
             sun.irradiance = sun.irradiance.map(|c| c * factor);
         }
         self.exposure = light.exposure;
-        self.tone = if light.hdr {
-            ToneMap::SrgbCompressed
-        } else {
-            ToneMap::SrgbClipped
-        };
+        self.tone = light.tone;
         Ok(())
     }
 }

@@ -8,6 +8,7 @@ use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use glam::DVec3;
 use headbox_core::camera::Camera;
 use headbox_core::color::exposure::Exposure;
+use headbox_core::color::tone::ToneMap;
 use headbox_core::file_frame::{FileFrame, UpAxis};
 use headbox_core::light_parameters::{LightParameters, SunPosition};
 use headbox_core::view::View;
@@ -166,9 +167,18 @@ pub(super) struct LightArgs {
     /// radiance is stored brighter
     #[arg(long, value_name = "auto|EV", default_value_t = Exposure::default(), allow_hyphen_values = true)]
     exposure: Exposure,
-    #[arg(skip)]
-    pub(super) hdr: bool,
+    /// Tone curve: neutral compresses highlights, linear clips them at white, hdr keeps four stops
+    /// above white for a later --exposure
+    #[arg(long, value_name = "CURVE", default_value = "neutral", value_parser = by_name(TONES))]
+    tone: ToneMap,
 }
+
+/// Tone curves.
+const TONES: Names<ToneMap> = &[
+    ("neutral", "", ToneMap::Neutral),
+    ("linear", "", ToneMap::SrgbClipped),
+    ("hdr", "", ToneMap::SrgbCompressed),
+];
 
 impl LightArgs {
     /// The parameters that these arguments specify.
@@ -179,7 +189,7 @@ impl LightArgs {
             sun: self.sun,
             sun_strength: self.sun_strength,
             exposure: self.exposure,
-            hdr: self.hdr,
+            tone: self.tone,
         }
     }
 }
@@ -251,14 +261,14 @@ impl SourceArgs {
     }
 
     /// Flags of the source, each with true if it differs from the default.
-    pub(super) fn given_flags(&self) -> [(&'static str, bool); 7] {
+    pub(super) fn given_flags(&self) -> [(&'static str, bool); 8] {
         let LightArgs {
             sky,
             sky_turn,
             sun,
             sun_strength,
             exposure,
-            hdr: _,
+            tone,
         } = &self.light;
         let default = LightParameters::default();
         [
@@ -269,6 +279,7 @@ impl SourceArgs {
             ("--sun", sun.is_some()),
             ("--sun-strength", sun_strength.is_some()),
             ("--exposure", *exposure != default.exposure),
+            ("--tone", *tone != default.tone),
         ]
     }
 

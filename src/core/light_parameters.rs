@@ -2,15 +2,17 @@
 //! command line.
 
 use crate::color::exposure::Exposure;
+use crate::color::tone::ToneMap;
 use crate::file_frame::FileFrame;
 use glam::{DVec3, Vec3};
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize};
 use std::fmt;
 use std::path::PathBuf;
 use std::str::FromStr;
 
-/// Light that replaces a scene's own. Nothing is specified by default.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+/// Light that replaces a scene's own. By default only the tone curve [`ToneMap::Neutral`] is
+/// specified.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct LightParameters {
     /// Sky: an equirectangular .hdr or .exr image, centred on north (-Z; +Y where Z is up), that
@@ -32,9 +34,37 @@ pub struct LightParameters {
     /// linear radiance is scaled up before it is stored.
     #[serde(skip_serializing_if = "is_default")]
     pub exposure: Exposure,
-    /// True to keep light above white ([`crate::color::tone::ToneMap::SrgbCompressed`]).
-    #[serde(skip_serializing_if = "is_default")]
-    pub hdr: bool,
+    /// Tone curve. Older files have `hdr: true` for [`ToneMap::SrgbCompressed`], or nothing.
+    #[serde(
+        alias = "hdr",
+        default = "ToneMap::default",
+        deserialize_with = "tone_or_hdr"
+    )]
+    pub tone: ToneMap,
+}
+
+/// Reads a tone curve, or true or false for one with or without light above white.
+fn tone_or_hdr<'de, D: Deserializer<'de>>(deserializer: D) -> Result<ToneMap, D::Error> {
+    #[derive(Deserialize)]
+    #[serde(untagged)]
+    enum ToneOrHdr {
+        Hdr(bool),
+        Tone(ToneMap),
+    }
+    Ok(match ToneOrHdr::deserialize(deserializer)? {
+        ToneOrHdr::Hdr(false) => ToneMap::SrgbClipped,
+        ToneOrHdr::Hdr(true) => ToneMap::SrgbCompressed,
+        ToneOrHdr::Tone(tone) => tone,
+    })
+}
+
+impl Default for LightParameters {
+    fn default() -> Self {
+        Self {
+            tone: ToneMap::Neutral,
+            ..Self::unspecified()
+        }
+    }
 }
 
 fn is_default<T: Default + PartialEq>(value: &T) -> bool {
@@ -124,6 +154,18 @@ impl From<SunPosition> for String {
 }
 
 impl LightParameters {
+    /// Returns the parameters of files that are older than these parameters.
+    pub fn unspecified() -> Self {
+        Self {
+            sky: None,
+            sky_turn: 0.0,
+            sun: None,
+            sun_strength: None,
+            exposure: Exposure::default(),
+            tone: ToneMap::default(),
+        }
+    }
+
     /// Describes the specified light in a few words; `None` if nothing is specified.
     pub fn describe(&self) -> Option<String> {
         let sky = self.sky.as_ref().map(|path| match self.sky_turn {
@@ -180,15 +222,22 @@ mod tests {
     fn defaults_are_not_serialised() {
         assert_eq!(
             serde_json::to_string(&LightParameters::default()).expect("json"),
-            "{}"
+            r#"{"tone":"neutral"}"#
         );
+        for (text, tone) in [
+            ("{}", ToneMap::SrgbClipped),
+            (r#"{"hdr":true}"#, ToneMap::SrgbCompressed),
+        ] {
+            let read: LightParameters = serde_json::from_str(text).expect("older files");
+            assert_eq!(read.tone, tone, "{text}");
+        }
         let asked = LightParameters {
             sky: Some("a.hdr".into()),
             sky_turn: 30.0,
             sun: Some("12,34".parse().expect("a place")),
             sun_strength: Some(2.0),
             exposure: Exposure::Auto(1.0),
-            hdr: true,
+            tone: ToneMap::SrgbCompressed,
         };
         let text = serde_json::to_string(&asked).expect("json");
         assert_eq!(

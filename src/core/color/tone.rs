@@ -6,59 +6,91 @@ use serde::{Deserialize, Serialize};
 use std::fmt;
 
 /// Tone curve, applied per channel to linear radiance times exposure (1 is white) before it is
-/// stored.
+/// stored as 8-bit sRGB. All curves are invertible below their maximum ([`ToneMap::exposed`]).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ToneMap {
-    /// Clips at 1 and encodes by the curve of sRGB.
+    /// Linear up to [`ToneMap::SHOULDER`], so that most surfaces keep their colour; brighter light
+    /// is compressed and reaches white at [`ToneMap::BRIGHTEST`]. Like the curve of Khronos PBR
+    /// Neutral, but per channel, so that it can be inverted, and with a finite maximum: with `s =
+    /// 1 - SHOULDER`, `t = (x - SHOULDER) / s` and `w = (BRIGHTEST - SHOULDER) / s`, it is
+    /// `SHOULDER + s t (1 + t / w^2) / (1 + t)`.
+    Neutral,
+    /// Linear up to white, clipped there. The curve of photographs and of files that do not name
+    /// one.
     #[default]
     SrgbClipped,
-    /// Compresses by `x (1 + x / w^2) / (1 + x)`, which reaches 1 at [`ToneMap::BRIGHTEST`] = w
-    /// (Reinhard et al. 2002, "Photographic tone reproduction", equation 4), clips there, and
-    /// encodes by the curve of sRGB. The stored image is viewable, and [`ToneMap::exposed`]
-    /// restores the light: a step of 8 bits is 2.3 % at white, 3.0 % at twice white and 7.3 % at
-    /// the brightest level (0.9 % at white without compression).
+    /// Compressed by `x (1 + x / w^2) / (1 + x)`, which reaches 1 at [`ToneMap::BRIGHTEST`] = w
+    /// (Reinhard et al. 2002, "Photographic tone reproduction", equation 4). Keeps light for later
+    /// exposure: a step of 8 bits is 2.3 % at white, 3.0 % at twice white and 7.3 % at the maximum
+    /// (0.9 % at white without compression).
     SrgbCompressed,
 }
 
+crate::named_variants!(ToneMap {
+    Neutral => "neutral",
+    SrgbClipped => "linear",
+    SrgbCompressed => "hdr",
+});
+
 impl ToneMap {
-    /// Largest radiance that [`Self::SrgbCompressed`] distinguishes from brighter ones: four stops
-    /// above white.
+    /// Largest exposed radiance that a compressing curve distinguishes from brighter ones: four
+    /// stops above white.
     pub const BRIGHTEST: f32 = 16.0;
+
+    /// Exposed radiance from which [`Self::Neutral`] compresses; that of Khronos PBR Neutral.
+    pub const SHOULDER: f32 = 0.76;
 
     /// Returns the stored level of exposed radiance; NaN becomes 0.
     pub fn level(self, exposed: f32) -> u8 {
+        let x = exposed.clamp(0.0, Self::BRIGHTEST);
         srgb8_from_linear(match self {
-            Self::SrgbClipped => exposed,
-            Self::SrgbCompressed => {
-                let x = exposed.clamp(0.0, Self::BRIGHTEST);
-                x * (1.0 + x / Self::BRIGHTEST.powi(2)) / (1.0 + x)
+            Self::Neutral if x > Self::SHOULDER => {
+                let s = 1.0 - Self::SHOULDER;
+                Self::SHOULDER + s * compress((x - Self::SHOULDER) / s, Self::NEUTRAL_RANGE)
             }
+            Self::Neutral | Self::SrgbClipped => exposed,
+            Self::SrgbCompressed => compress(x, Self::BRIGHTEST),
         })
     }
 
-    /// Returns the stored levels of three channels.
+    /// Returns [`Self::level`] of three channels.
     pub fn levels(self, exposed: Vec3) -> [u8; 3] {
         exposed.to_array().map(|c| self.level(c))
     }
 
-    /// Returns the exposed light of a stored level.
+    /// Returns the exposed light that `level` stands for.
     pub fn exposed(self, level: u8) -> f32 {
         let y = linear_from_srgb8(level);
         match self {
-            Self::SrgbClipped => y,
-            Self::SrgbCompressed => {
-                // The positive root of x^2 / w^2 + (1 - y) x - y = 0, without cancellation.
-                let square = Self::BRIGHTEST.powi(2);
-                2.0 * y / (1.0 - y + ((1.0 - y).powi(2) + 4.0 * y / square).sqrt())
+            Self::Neutral if y > Self::SHOULDER => {
+                let s = 1.0 - Self::SHOULDER;
+                Self::SHOULDER + s * expand((y - Self::SHOULDER) / s, Self::NEUTRAL_RANGE)
             }
+            Self::Neutral | Self::SrgbClipped => y,
+            Self::SrgbCompressed => expand(y, Self::BRIGHTEST),
         }
     }
+
+    /// Argument at which the shoulder of [`Self::Neutral`] reaches white.
+    const NEUTRAL_RANGE: f32 = (Self::BRIGHTEST - Self::SHOULDER) / (1.0 - Self::SHOULDER);
+}
+
+/// Compresses 0..=`brightest` to 0..=1, with a slope of 1 at 0 (Reinhard et al. 2002, equation 4).
+fn compress(x: f32, brightest: f32) -> f32 {
+    x * (1.0 + x / brightest.powi(2)) / (1.0 + x)
+}
+
+/// Inverts [`compress`]: the positive root of `x^2 / w^2 + (1 - y) x - y = 0`, without subtracting
+/// nearly equal numbers.
+fn expand(y: f32, brightest: f32) -> f32 {
+    2.0 * y / (1.0 - y + ((1.0 - y).powi(2) + 4.0 * y / brightest.powi(2)).sqrt())
 }
 
 impl fmt::Display for ToneMap {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
+            Self::Neutral => f.write_str("sRGB, highlights compressed"),
             Self::SrgbClipped => f.write_str("sRGB, cut off at white"),
             Self::SrgbCompressed => {
                 write!(
@@ -77,7 +109,7 @@ mod tests {
 
     #[test]
     fn levels_round_trip_through_light() {
-        for tone in [ToneMap::SrgbClipped, ToneMap::SrgbCompressed] {
+        for tone in ToneMap::ALL {
             assert!(
                 (0..=255).all(|level| tone.level(tone.exposed(level)) == level),
                 "{tone}"
@@ -103,7 +135,7 @@ mod tests {
 
     #[test]
     fn nan_is_black_and_overflow_is_white() {
-        for tone in [ToneMap::SrgbClipped, ToneMap::SrgbCompressed] {
+        for tone in ToneMap::ALL {
             assert_eq!(
                 [f32::NAN, -1.0, 0.0].map(|x| tone.level(x)),
                 [0; 3],
@@ -115,6 +147,31 @@ mod tests {
                 "{tone}"
             );
         }
-        assert_eq!(ToneMap::SrgbCompressed.exposed(255), ToneMap::BRIGHTEST);
+        for tone in [ToneMap::Neutral, ToneMap::SrgbCompressed] {
+            let brightest = tone.exposed(255);
+            assert!(
+                (brightest / ToneMap::BRIGHTEST - 1.0).abs() < 1e-4,
+                "{tone}: {brightest}"
+            );
+        }
+    }
+
+    #[test]
+    fn neutral_keeps_surfaces_and_separates_highlights() {
+        let [neutral, linear] = [ToneMap::Neutral, ToneMap::SrgbClipped];
+        for exposed in [0.0, 0.18, 0.5, 0.75] {
+            assert_eq!(neutral.level(exposed), linear.level(exposed), "{exposed}");
+        }
+        let levels = [0.76, 0.8, 1.0, 1.5, 2.0, 4.0, 8.0].map(|x| neutral.level(x));
+        assert!(
+            levels.windows(2).all(|pair| pair[0] < pair[1]),
+            "{levels:?}"
+        );
+        let slope = (neutral.exposed(226) - neutral.exposed(225))
+            / (linear.exposed(226) - linear.exposed(225));
+        assert!(
+            (slope - 1.0).abs() < 0.05,
+            "no kink at the shoulder: {slope}"
+        );
     }
 }

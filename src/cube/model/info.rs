@@ -25,7 +25,7 @@ pub struct CaptureInfo {
     #[serde(default)]
     pub tone: ToneMap,
     /// Specified light; by default that of the scene.
-    #[serde(default)]
+    #[serde(default = "LightParameters::unspecified")]
     pub light: LightParameters,
     /// Parameters of rays, merging and light.
     #[serde(flatten)]

@@ -199,9 +199,14 @@ fn variation(values: &SettingValues, overlay: Overlay) -> Result<Variation, Stri
     })
 }
 
-/// Computes a table from stored levels to levels `stops` brighter, clipped at white.
+/// Computes a table from stored levels to levels `stops` brighter, under the capture's tone curve,
+/// or under the neutral one if the capture's keeps light for later exposure.
 fn brighter_levels(info: &CaptureInfo, stops: f32) -> [u8; 256] {
-    let level = |level: u8| ToneMap::SrgbClipped.level(info.tone.exposed(level) * stops.exp2());
+    let shown = match info.tone {
+        ToneMap::SrgbCompressed => ToneMap::Neutral,
+        tone => tone,
+    };
+    let level = |level: u8| shown.level(info.tone.exposed(level) * stops.exp2());
     std::array::from_fn(|i| level(i as u8))
 }
 

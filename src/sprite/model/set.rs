@@ -20,7 +20,7 @@ pub struct SpriteInfo {
     #[serde(flatten)]
     pub frame: FileFrame,
     /// Light that the user specified instead of the scene's.
-    #[serde(default)]
+    #[serde(default = "LightParameters::unspecified")]
     pub light: LightParameters,
 }
 

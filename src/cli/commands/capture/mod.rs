@@ -92,10 +92,6 @@ pub(crate) struct CaptureCommand {
     /// Deep images without a camera in the header: target of the camera; along -Z if absent
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_vector, allow_hyphen_values = true)]
     look_at: Option<DVec3>,
-    /// Keep light above white, up to four stops, in coarser steps: for render --exposure, and -o
-    /// FRAME.exr
-    #[arg(long)]
-    hdr: bool,
     /// Print one JSON object on standard output
     #[arg(long)]
     json: bool,
@@ -206,8 +202,7 @@ impl CaptureCommand {
     fn run_scene(&self) -> anyhow::Result<()> {
         refuse_given("a scene", self.deep_flags())?;
         let start = Instant::now();
-        let mut source = self.scene.source();
-        source.light.hdr = self.hdr;
+        let source = self.scene.source();
         let outputs = self.check_output(&source.name)?;
         let scene = Arc::new(source.open()?);
         outputs.add_scene(&scene)?;
@@ -230,7 +225,12 @@ impl CaptureCommand {
         );
         let parameters = &spec.parameters;
         let lighting = if self.shard.is_none() {
-            Lighting::prepare(&tracer, parameters.bounces, parameters.light_samples > 0)
+            Lighting::prepare(
+                &tracer,
+                centre,
+                parameters.bounces,
+                parameters.light_samples > 0,
+            )
         } else {
             Lighting::unmetered(&tracer, 0) // shards are lit when they are merged
         };
@@ -307,7 +307,6 @@ impl CaptureCommand {
             ("--shard", self.shard.is_some()),
             ("--memory", self.memory.is_some()),
             ("--quality", self.quality.quality.is_some()),
-            ("--hdr", self.hdr),
         ];
         let flags = own_flags
             .into_iter()
