@@ -43,7 +43,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     parts.convergence = middle_disparity(&tracer, &parts);
     let grid = CameraGrid::new(parts)?;
 
-    let lighting = Lighting::prepare(&tracer, 1, true);
+    let lighting = Lighting::prepare(&tracer, headbox.centre, 1, true);
     let capture = LumigraphCapture {
         tracer: &tracer,
         lighting: &lighting,

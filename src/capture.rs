@@ -177,7 +177,7 @@ impl<'a> Capture<'a> {
             choose_face_size(&mut spec, &tracer, focal_px, self.error_px);
         }
         let is_lit = spec.parameters.light_samples > 0;
-        let lighting = Lighting::prepare(&tracer, spec.parameters.bounces, is_lit);
+        let lighting = Lighting::prepare(&tracer, centre, spec.parameters.bounces, is_lit);
         let (ldi, _) = SceneCapture::new(&spec, &tracer, &lighting, &self.options).run()?;
         let layout = SplatIndexLayout::Normal;
         Ok(planes::pack(ldi, layout, Split::Auto, self.error_px)?)
@@ -231,7 +231,12 @@ impl<'a> SpriteCapture<'a> {
     /// [`Error::Sprite`].
     pub fn run(self) -> Result<SpriteSet, Error> {
         let tracer = self.scene.tracer(self.camera.eye());
-        let lighting = Lighting::prepare(&tracer, CaptureParameters::DEFAULT.bounces, true);
+        let lighting = Lighting::prepare(
+            &tracer,
+            self.camera.eye(),
+            CaptureParameters::DEFAULT.bounces,
+            true,
+        );
         let capture = SlabCapture {
             tracer: &tracer,
             lighting: &lighting,

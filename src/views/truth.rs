@@ -146,9 +146,9 @@ fn reopen(info: &CaptureInfo) -> Result<LitScene, String> {
     let lit = info.parameters.light_samples > 0;
     let bounces = info.parameters.bounces;
     let mut lighting = if lit {
-        Lighting::measure(&tracer, bounces)
+        Lighting::measure_at(&tracer, info.centre, bounces)
     } else {
-        Lighting::prepare(&tracer, bounces, false)
+        Lighting::unmetered(&tracer, bounces)
     };
     lighting.exposure = info.exposure;
     Ok(LitScene {

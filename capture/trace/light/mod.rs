@@ -25,7 +25,8 @@ pub use arrival::Arrival;
 
 use crate::bvh::{Hit, Ray, Tracer};
 use crate::sampler::{random4, unit_float};
-use glam::Vec3;
+use crate::viewpoint;
+use glam::{DVec3, Vec3};
 use guide::{Directions, Guide};
 use headbox_core::color::luminance;
 use headbox_core::color::tone::ToneMap;
@@ -36,7 +37,7 @@ use rayon::prelude::*;
 use sharp::LocalLamp;
 
 /// Number of bounces after which Russian roulette starts.
-const ROULETTE_BOUNCES: u32 = 3;
+const ROULETTE_BOUNCES: u32 = 1;
 
 /// Ambient fill light, attenuated by obscurance: radiance along a cosine-weighted ray that hits
 /// nothing within `reach_m`, falling to zero at zero distance. Replaces the lamps that a model of a
@@ -247,19 +248,18 @@ impl Lighting {
     }
 
     /// Creates the lighting of the tracer's scene with exposure and fill light measured by pilot
-    /// rays (sky included) from seeded points in the scene's headbox, or else that of
-    /// [`crate::viewpoint::suggest_headbox`]. The logarithmic mean of luminance is exposed to
-    /// middle grey, like a photographer's meter (Reinhard et al. 2002, "Photographic tone
-    /// reproduction", without the compression), unless the scene specifies an exposure
-    /// ([`headbox_core::color::exposure::Exposure`]). If more than a third of the visible surfaces receive
-    /// less than 1 % of the 90th percentile, a fill light of a tenth of it (or 1 in total darkness)
-    /// is added.
-    pub fn measure(tracer: &Tracer, bounces: u32) -> Self {
+    /// rays (sky included) from `place` (world metres). The logarithmic mean of luminance is
+    /// exposed to middle grey, like a photographer's meter (Reinhard et al. 2002, "Photographic
+    /// tone reproduction", without the compression), unless the scene specifies an exposure
+    /// ([`headbox_core::color::exposure::Exposure`]). If more than a third of the visible surfaces
+    /// receive less than 1 % of the 90th percentile, a fill light of a tenth of it (or 1 in total
+    /// darkness) is added.
+    pub fn measure_at(tracer: &Tracer, place: DVec3, bounces: u32) -> Self {
         let mut lighting = Self::unmetered(tracer, bounces);
-        let pilot = Pilot::new(tracer);
+        let pilot = Pilot::new(tracer, place);
         let mut exposed = lighting.meter(tracer, &pilot);
-        // Very bright light is clamped ([`MAX_BOUNCE_RADIANCE`]) according to an exposure that is
-        // not known yet: a scene lit by sunlight in lux is metered again with the exposure just
+        // Very bright light is clamped ([`MAX_BOUNCE_RADIANCE`]) according to an exposure that is not
+        // known yet: a scene lit by sunlight in lux is metered again with the exposure just
         // measured.
         for _ in 0..MAX_METERING_ITERATIONS {
             if exposed >= 0.5 * lighting.exposure {
@@ -273,12 +273,20 @@ impl Lighting {
         lighting
     }
 
-    /// Creates the lighting of a capture: [measured](Self::measure) and [guided](Self::guided) if
-    /// `lit`; otherwise surfaces are as bright as their textures (an exposure of 1, shifted by the
-    /// stops that the scene specifies).
-    pub fn prepare(tracer: &Tracer, bounces: u32, lit: bool) -> Self {
+    /// Same as [`Self::measure_at`], from the centre of the scene's headbox, or else of
+    /// [`viewpoint::suggest_headbox`].
+    pub fn measure(tracer: &Tracer, bounces: u32) -> Self {
+        let headbox = tracer.scene().headbox;
+        let headbox = headbox.unwrap_or_else(|| viewpoint::suggest_headbox(tracer));
+        Self::measure_at(tracer, headbox.centre, bounces)
+    }
+
+    /// Creates the lighting of a capture about `place`: [measured](Self::measure_at) there and
+    /// [guided](Self::guided) if `lit`; otherwise surfaces are as bright as their textures (an
+    /// exposure of 1, shifted by the stops that the scene specifies).
+    pub fn prepare(tracer: &Tracer, place: DVec3, bounces: u32, lit: bool) -> Self {
         if lit {
-            return Self::measure(tracer, bounces).guided(tracer);
+            return Self::measure_at(tracer, place, bounces).guided(tracer);
         }
         Self {
             exposure: tracer.scene().exposure.factor(1.0),

@@ -3,8 +3,7 @@
 use super::LitPoint;
 use crate::bvh::{Ray, Tracer};
 use crate::sampler::{random4, unit_float};
-use crate::viewpoint;
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 
 /// Surface hit by a pilot ray.
 pub(super) struct PilotPoint {
@@ -14,8 +13,7 @@ pub(super) struct PilotPoint {
     pub(super) distance_m: f32,
 }
 
-/// Hits and misses of rays from seeded points in the suggested headbox, in directions evenly spread
-/// over the sphere.
+/// Hits and misses of rays from one place, in directions evenly spread over the sphere.
 pub(super) struct Pilot {
     pub(super) surfaces: Vec<PilotPoint>,
     pub(super) misses: Vec<Vec3>,
@@ -28,21 +26,19 @@ impl Pilot {
     /// solid angles.
     const WINDOWS: usize = 8;
 
-    pub(super) fn new(tracer: &Tracer) -> Self {
+    /// Weight of the windows of one height, from the lowest to the highest: frames mostly look
+    /// level, and one of 60 degrees shows the heights from -0.5 to 0.5 on the unit sphere.
+    const HEIGHT_WEIGHTS: [f64; Self::WINDOWS] = [0.25, 0.5, 1.0, 1.0, 1.0, 1.0, 0.5, 0.25];
+
+    /// Traces pilot rays from `place`, world metres.
+    pub(super) fn new(tracer: &Tracer, place: DVec3) -> Self {
         const RAYS: usize = 4096;
-        let headbox = tracer
-            .scene()
-            .headbox
-            .unwrap_or_else(|| viewpoint::suggest_headbox(tracer));
-        let half = headbox.half_size_m as f32;
-        let low = (headbox.centre - tracer.origin()).as_vec3() - half;
+        let origin = (place - tracer.origin()).as_vec3();
         let (mut surfaces, mut misses) = (Vec::new(), Vec::new());
         let (mut windows, mut miss_windows) = (Vec::new(), Vec::new());
         for i in 0..RAYS {
             let window = i % (Self::WINDOWS * Self::WINDOWS);
-            let [x, y, z, _] = random4([i as u32, 1, 2, 3]).map(unit_float);
             let aim = random4([i as u32, 4, 5, 6]).map(unit_float);
-            let origin = low + Vec3::new(x, y, z) * (2.0 * half);
             let in_window =
                 |cell: usize, jitter: f32| (cell as f32 + jitter) / Self::WINDOWS as f32;
             let y = 2.0 * in_window(window / Self::WINDOWS, aim[0]) - 1.0;
@@ -73,23 +69,26 @@ impl Pilot {
         }
     }
 
-    /// Returns the geometric mean over the windows of the mean luminance in each; `levels` is in
-    /// the order of `windows`. The mean inside a window reduces the noise of single samples, which
-    /// would bias a logarithm toward black.
+    /// Returns the weighted geometric mean over the windows of the mean luminance in each; `levels`
+    /// is in the order of `windows`. The mean inside a window reduces the noise of single samples,
+    /// which would bias a logarithm toward black.
     pub(super) fn logarithmic_mean(&self, levels: &[f32]) -> f32 {
         let mut sums = [(0.0f64, 0u32); Self::WINDOWS * Self::WINDOWS];
         for (&window, &level) in self.windows.iter().zip(levels) {
             sums[window].0 += f64::from(level);
             sums[window].1 += 1;
         }
-        let means: Vec<f64> = sums
-            .iter()
-            .filter(|s| s.1 > 0)
-            .map(|&(sum, count)| sum / f64::from(count))
-            .collect();
+        let means = sums.map(|(sum, count)| sum / f64::from(count.max(1)));
         let floor = 1e-3 * means.iter().copied().fold(0.0, f64::max);
-        let logarithms = means.iter().map(|mean| mean.max(floor).ln());
-        (logarithms.sum::<f64>() / means.len().max(1) as f64).exp() as f32
+        let (mut logarithms, mut weights) = (0.0, 0.0);
+        for (window, (mean, (_, count))) in means.iter().zip(sums).enumerate() {
+            if count > 0 {
+                let weight = Self::HEIGHT_WEIGHTS[window / Self::WINDOWS];
+                logarithms += weight * mean.max(floor).ln();
+                weights += weight;
+            }
+        }
+        (logarithms / f64::max(weights, f64::MIN_POSITIVE)).exp() as f32
     }
 }
 

@@ -99,6 +99,52 @@ fn split_sample_sums_to_whole() {
     }
 }
 
+/// Adds a box of 2 m about `centre` whose ceiling is of a glowing material.
+fn add_glowing_room(scene: &mut Scene, centre: DVec3, material: u32) {
+    for (axis, sign) in [
+        (0, -1.0),
+        (0, 1.0),
+        (1, -1.0),
+        (1, 1.0),
+        (2, -1.0),
+        (2, 1.0),
+    ] {
+        let normal = DVec3::AXES[axis] * sign;
+        let [u, v] = [DVec3::AXES[(axis + 1) % 3], DVec3::AXES[(axis + 2) % 3]];
+        let corner = |a: f64, b: f64| centre + normal + u * a + v * b;
+        let corners = [
+            corner(-1.0, -1.0),
+            corner(1.0, -1.0),
+            corner(1.0, 1.0),
+            corner(-1.0, 1.0),
+        ];
+        let is_ceiling = axis == 1 && sign > 0.0;
+        add_quad(scene, corners, if is_ceiling { material } else { 0 });
+    }
+}
+
+#[test]
+fn exposure_is_metered_where_the_headbox_stands() {
+    let glow = |emission: f32| Material {
+        emission: [emission; 3],
+        ..Material::default()
+    };
+    let mut scene = Scene {
+        materials: vec![Material::default(), glow(1.0), glow(16.0)],
+        ..Scene::default()
+    };
+    let rooms = [DVec3::ZERO, dvec3(10.0, 0.0, 0.0)];
+    add_glowing_room(&mut scene, rooms[0], 1);
+    add_glowing_room(&mut scene, rooms[1], 2);
+    let tracer = Tracer::new(Arc::new(scene), DVec3::ZERO);
+    let [dim, bright] = rooms.map(|room| Lighting::measure_at(&tracer, room, 1).exposure);
+    // All light is 16 times as strong; few light samples leave some noise.
+    assert!((dim / bright / 16.0 - 1.0).abs() < 0.1, "{dim}, {bright}");
+    // A metered frame has middle grey as its logarithmic mean: the glowing ceiling is above, the
+    // rest below it.
+    assert!(dim > 0.21 && dim < 2.1, "{dim}");
+}
+
 #[test]
 fn unlit_exposure_is_specified_stops() {
     let exposure = |lit: bool, specified: &str| {
@@ -106,7 +152,8 @@ fn unlit_exposure_is_specified_stops() {
             exposure: specified.parse().expect("an exposure"),
             ..Scene::clone(tracer().scene())
         };
-        Lighting::prepare(&Tracer::new(Arc::new(scene), DVec3::ZERO), 0, lit).exposure
+        let tracer = Tracer::new(Arc::new(scene), DVec3::ZERO);
+        Lighting::prepare(&tracer, DVec3::ZERO, 0, lit).exposure
     };
     assert_eq!(
         [

@@ -74,7 +74,12 @@ impl MergeCommand {
         );
         let tracer = Tracer::new(Arc::new(scene), spec.centre);
         let parameters = &spec.parameters;
-        let lighting = Lighting::prepare(&tracer, parameters.bounces, parameters.light_samples > 0);
+        let lighting = Lighting::prepare(
+            &tracer,
+            tracer.origin(),
+            parameters.bounces,
+            parameters.light_samples > 0,
+        );
         let bar = Bar::new();
         let options = RunOptions {
             budget: spill_budget(self.memory, &self.output),

@@ -6,8 +6,10 @@ use crate::messages::UsageError;
 use crate::output::{FRAME, Outputs, output_name, peak_rss_mb, print_json, save_picture};
 use crate::progress::Bar;
 use clap::Args;
+use glam::DVec3;
 use headbox_core::camera::Camera;
 use headbox_core::progress::Progress;
+use headbox_cube::model::parameters::CaptureParameters;
 use headbox_images::SetWriter;
 use headbox_images::traced_view;
 use headbox_trace::bvh::Tracer;
@@ -35,7 +37,7 @@ pub(crate) struct TruthCommand {
     #[command(flatten)]
     camera: CameraArgs,
     /// Diffuse bounces of light beyond direct light; as in the capture to compare with
-    #[arg(long, value_name = "B", default_value_t = 1, value_parser = clap::value_parser!(u32).range(0..=64))]
+    #[arg(long, value_name = "B", default_value_t = CaptureParameters::FULL_BOUNCES, value_parser = clap::value_parser!(u32).range(0..=64))]
     bounces: u32,
     /// Rays per pixel
     #[arg(long, value_name = "N", default_value_t = 256, value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
@@ -43,9 +45,6 @@ pub(crate) struct TruthCommand {
     /// Show albedo and emission without light, as `capture --light-samples 0` does
     #[arg(long)]
     unlit: bool,
-    /// Compress light above white, as `capture --hdr` does
-    #[arg(long)]
-    hdr: bool,
     /// Print one JSON object on standard output
     #[arg(long)]
     json: bool,
@@ -53,8 +52,7 @@ pub(crate) struct TruthCommand {
 
 impl TruthCommand {
     pub(crate) fn run(&self) -> anyhow::Result<()> {
-        let mut source = self.scene.source();
-        source.light.hdr = self.hdr;
+        let source = self.scene.source();
         let outputs = Outputs::new(self.json, [&source.name]);
         let outputs = match self.images {
             Some(_) => outputs.folder(&self.output)?,
@@ -64,7 +62,8 @@ impl TruthCommand {
         outputs.add_scene(&scene)?;
         let (camera, tracer) = self.camera.aim(&scene)?;
         let start = Instant::now();
-        let lighting = Lighting::prepare(&tracer, self.bounces, !self.unlit);
+        let place = metering_place(&tracer, camera.eye());
+        let lighting = Lighting::prepare(&tracer, place, self.bounces, !self.unlit);
         let bar = Bar::new();
         if let Some(wall) = self.images {
             let half_size_m = viewpoint::place_headbox(&scene, None, None)
@@ -164,6 +163,18 @@ impl TruthCommand {
         bar.finish();
         set.finish()?;
         Ok(images)
+    }
+}
+
+/// Returns where exposure is metered: at the centre of the default headbox, as a capture does, if
+/// the eye is inside it, else at the eye.
+fn metering_place(tracer: &Tracer, eye: DVec3) -> DVec3 {
+    let headbox = tracer.scene().headbox;
+    let headbox = headbox.unwrap_or_else(|| viewpoint::suggest_headbox(tracer));
+    if (eye - headbox.centre).abs().max_element() <= headbox.half_size_m {
+        headbox.centre
+    } else {
+        eye
     }
 }
 

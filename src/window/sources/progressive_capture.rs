@@ -244,7 +244,7 @@ fn run_all(
 ) -> Result<(), String> {
     let bounces = CaptureParameters::DEFAULT.bounces;
     let scene = LitScene {
-        lighting: Arc::new(Lighting::prepare(&tracer, bounces, true)),
+        lighting: Arc::new(Lighting::prepare(&tracer, headbox.centre, bounces, true)),
         tracer,
         lit: true,
         guided: true,
@@ -322,7 +322,7 @@ mod tests {
         };
         spec.fit_half_size(&scene);
         let tracer = Tracer::new(scene, headbox.centre);
-        let lighting = Lighting::prepare(&tracer, spec.parameters.bounces, true);
+        let lighting = Lighting::prepare(&tracer, spec.centre, spec.parameters.bounces, true);
         let options = RunOptions::default();
         let (ldi, _) = SceneCapture::new(&spec, &tracer, &lighting, &options)
             .run()

@@ -116,6 +116,7 @@ impl DemoCommand {
         let spec = spec(&sizes, source, centre, half_size_m);
         let lighting = Lighting::prepare(
             &tracer,
+            centre,
             spec.parameters.bounces,
             spec.parameters.light_samples > 0,
         );

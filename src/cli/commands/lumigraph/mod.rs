@@ -17,6 +17,7 @@ use glam::DVec3;
 use headbox_core::container::FileError;
 use headbox_core::file_frame::FileFrame;
 use headbox_core::headbox::Headbox;
+use headbox_cube::model::parameters::CaptureParameters;
 use headbox_lumigraph::{
     CameraGrid, GridParts, Lumigraph, LumigraphCapture, LumigraphError, MAX_LAYERS, MAX_SLABS,
     Placement, RawLumigraph, Slabs, middle_disparity,
@@ -107,7 +108,7 @@ pub(super) struct LumigraphQualityArgs {
     /// Rays per pixel of a scene's images; 8 if absent
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=65_536))]
     samples: Option<u32>,
-    /// Diffuse bounces of a scene's light beyond direct light; 1 if absent
+    /// Diffuse bounces of a scene's light beyond direct light; 64 if absent
     #[arg(long, value_name = "B", value_parser = clap::value_parser!(u32).range(0..=64))]
     bounces: Option<u32>,
     /// Albedo and emission without light
@@ -170,8 +171,11 @@ impl LumigraphCommand {
         let scene = Arc::new(source.open()?);
         outputs.add_scene(&scene)?;
         let (grids, tracer) = self.grid.place(&scene)?;
-        let bounces = self.quality.bounces.unwrap_or(1);
-        let lighting = Lighting::prepare(&tracer, bounces, !self.quality.unlit);
+        let bounces = self
+            .quality
+            .bounces
+            .unwrap_or(CaptureParameters::FULL_BOUNCES);
+        let lighting = Lighting::prepare(&tracer, tracer.origin(), bounces, !self.quality.unlit);
         let bar = Bar::new();
         let capture = LumigraphCapture {
             tracer: &tracer,

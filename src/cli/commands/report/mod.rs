@@ -18,6 +18,7 @@ use glam::DVec3;
 use headbox_core::container::Container;
 use headbox_core::file_frame::UpAxis;
 use headbox_core::headbox::Headbox;
+use headbox_cube::model::parameters::CaptureParameters;
 use headbox_cube::pack::CubeLdi;
 use headbox_cube::pack::file::CUBE_LDI;
 use headbox_lab::machine::{Machine, commit};
@@ -69,7 +70,7 @@ pub(crate) struct ReportCommand {
     #[arg(long, value_name = "K", default_value_t = 0)]
     seed: u64,
     /// Diffuse bounces of light beyond direct light
-    #[arg(long, value_name = "B", default_value_t = 1, value_parser = clap::value_parser!(u32).range(0..=64))]
+    #[arg(long, value_name = "B", default_value_t = CaptureParameters::FULL_BOUNCES, value_parser = clap::value_parser!(u32).range(0..=64))]
     bounces: u32,
     /// Folder in which ray-traced truth is kept from run to run; headbox/truth in the user's cache
     /// folder if absent
@@ -361,7 +362,7 @@ impl ReportCommand {
             (centre, ahead) = (camera.eye(), Some(camera.forward()));
         }
         let tracer = Arc::new(Tracer::new(Arc::clone(&scene), centre));
-        let lighting = Lighting::prepare(&tracer, bounces, lit);
+        let lighting = Lighting::prepare(&tracer, centre, bounces, lit);
         let ahead = ahead.unwrap_or_else(|| axis_with_most_geometry(&tracer, centre));
         let plan = Plan::new(quality, centre, half_size_m, ahead, self.seed);
         let plan = plan.map_err(|error| UsageError(error.to_string()))?;

@@ -15,6 +15,7 @@ use clap::Args;
 use glam::DVec3;
 use headbox_core::depth_kind::DepthKind;
 use headbox_core::image::codec;
+use headbox_cube::model::parameters::CaptureParameters;
 use headbox_images::depth::DepthPicture;
 use headbox_lab::sprite_range::SpriteRange;
 use headbox_ldi::scene_source::SceneSource;
@@ -76,7 +77,7 @@ pub(super) struct SpriteQualityArgs {
     #[arg(long, value_name = "N", default_value_t = 32, value_parser = clap::value_parser!(u32).range(1..=65_536))]
     samples: u32,
     /// Diffuse bounces of light beyond direct light
-    #[arg(long, value_name = "B", default_value_t = 1, value_parser = clap::value_parser!(u32).range(0..=64))]
+    #[arg(long, value_name = "B", default_value_t = CaptureParameters::FULL_BOUNCES, value_parser = clap::value_parser!(u32).range(0..=64))]
     bounces: u32,
     /// Albedo and emission without light
     #[arg(long)]
@@ -220,7 +221,12 @@ impl SpriteCommand {
         let scene = Arc::new(source.open()?);
         outputs.add_scene(&scene)?;
         let (camera, tracer) = self.camera.aim(&scene)?;
-        let lighting = Lighting::prepare(&tracer, self.quality.bounces, !self.quality.unlit);
+        let lighting = Lighting::prepare(
+            &tracer,
+            camera.eye(),
+            self.quality.bounces,
+            !self.quality.unlit,
+        );
         let bar = Bar::new();
         let capture = SlabCapture {
             tracer: &tracer,
