@@ -1,7 +1,7 @@
 //! The capture of a scene, from rays to cube LDI.
 
 use crate::merge::finish;
-use crate::rays::trace::{self, TracedRays};
+use crate::rays::trace_and_accumulate::{TracedRays, trace};
 use crate::refine;
 use crate::spec::{CaptureSpec, RunOptions};
 use headbox_cube::model::info::CaptureInfo;
@@ -72,7 +72,7 @@ impl<'a> SceneCapture<'a> {
     /// # Errors
     /// If accumulators cannot be spilled, or if the capture was cancelled.
     pub fn trace(&self) -> io::Result<TracedRays> {
-        trace::trace(self)
+        trace(self)
     }
 
     /// Aims rays at holes in test views, until the spec's share of holes is reached.

@@ -6,7 +6,7 @@ use crate::points::surfels::straight;
 use headbox_core::cube_face::Face;
 use headbox_cube::model::depth_bins::DepthBins;
 use headbox_cube::pack::{CubeLdi, PlaneSet};
-use headbox_cube::render::canvas::surface::SurfaceCanvas;
+use headbox_cube::render::canvas::surface_canvas::SurfaceCanvas;
 use rayon::prelude::*;
 
 /// Surface in a face pixel: a depth pixel or a texel of a plane texture.

@@ -1,6 +1,6 @@
 //! Floor plan of a portal model as SVG: rooms, walls and numbered portals.
 
-use super::opening::polygon_edges;
+use super::portal_opening::polygon_edges;
 use glam::{DVec2, DVec3};
 use headbox_core::drawing::svg::{Svg, TextStyle, text_width};
 use headbox_model::{Cell, Portal, PortalModel, Prism};

@@ -1,6 +1,6 @@
 //! Portal model prepared for walking: its scene in the tracer and in the rasteriser.
 
-use super::opening::Opening;
+use super::portal_opening::Opening;
 use glam::{DVec3, Vec3};
 use headbox_core::environment::Environment;
 use headbox_model::PortalModel;

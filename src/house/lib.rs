@@ -1,9 +1,9 @@
 //! Walks through portal models: geometry for the eye's cell and for near cells, images behind the
 //! other portals (R1 to R3, R5 to R9, R11, R12, R14 to R16, P1, P2).
 //!
-//! * [`cull`]: portal culling: visible cells, and the part of the frame that each covers (R1).
+//! * [`portal_culling`]: portal culling: visible cells, and the part of the frame that each covers (R1).
 //! * [`house`]: a portal model prepared for the rasteriser and the tracer.
-//! * [`opening`]: a portal as seen from one of its cells.
+//! * [`portal_opening`]: a portal as seen from one of its cells.
 //! * [`backdrop`]: representations of everything behind a portal: textures, warped images, layered
 //!   depth images.
 //! * [`file`](mod@file): the `.house` file, a model with its backdrops.
@@ -16,12 +16,12 @@
 //! * [`floor_plan`]: the model drawn from above.
 
 pub mod backdrop;
-pub mod cull;
 pub mod file;
 pub mod floor_plan;
 pub mod house;
 pub mod make;
-pub mod opening;
+pub mod portal_culling;
+pub mod portal_opening;
 pub mod settings;
 pub mod store;
 pub mod tour;

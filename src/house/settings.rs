@@ -1,7 +1,7 @@
 //! Settings and statistics of a frame of a walk.
 
 use super::backdrop::{BackdropKind, BackdropQuality, BackdropStats, PortalSide};
-use super::cull::Limits;
+use super::portal_culling::Limits;
 use headbox_core::camera::Camera;
 use headbox_cube::render::RenderSettings;
 use headbox_raster::RasterStats;

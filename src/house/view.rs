@@ -3,7 +3,7 @@
 use crate::backdrop::BackdropQuality;
 use crate::file::{self, HouseFileError};
 use crate::house::House;
-use crate::opening::Opening;
+use crate::portal_opening::Opening;
 use crate::settings::WalkStats;
 use crate::store::Store;
 use crate::tour::Tour;

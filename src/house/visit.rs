@@ -1,11 +1,11 @@
 //! Cells that a frame draws as geometry, and portals at which backdrops begin.
 
 use super::backdrop::{Backdrop, BackdropKind, PortalSide};
-use super::cull::CellView;
 use super::house::House;
+use super::portal_culling::CellView;
 use super::settings::WalkSettings;
 use super::store::{Key, Store};
-use crate::cull;
+use crate::portal_culling;
 use glam::DVec3;
 use headbox_core::camera::Camera;
 use headbox_raster::GroupWindow;
@@ -53,7 +53,7 @@ pub(super) fn visit(
         };
     };
     let near = settings.near.distance_m(camera);
-    let views = cull::visible_cells(
+    let views = portal_culling::visible_cells(
         house.plan(),
         camera,
         cell,

@@ -17,9 +17,9 @@ use headbox_cube::model::samples::CubeSamples;
 use headbox_cube::pack::{CubeLdi, SplatIndexLayout, Split};
 use headbox_cube::render::{RenderSettings, Renderer};
 use headbox_ldi::accumulate::shard::{self, ShardInfo};
-use headbox_ldi::accumulate::tiles::TileStore;
+use headbox_ldi::accumulate::tile_store::TileStore;
 use headbox_ldi::capture::SceneCapture;
-use headbox_ldi::rays::trace::{self, TracedRays};
+use headbox_ldi::rays::trace_and_accumulate::{TracedRays, blocked_share};
 use headbox_ldi::scene_source::SceneSource;
 use headbox_ldi::spec::{CaptureSpec, RunOptions};
 use headbox_scene::material::Material;
@@ -610,8 +610,8 @@ fn fill_light_only_in_dark_rooms() {
 #[test]
 fn geometry_inside_headbox_is_reported() {
     let tracer = Tracer::new(room(), DVec3::ZERO);
-    assert_eq!(trace::blocked_share(&tracer, 0.3), 0.0);
-    let inside = trace::blocked_share(&tracer, 1.9);
+    assert_eq!(blocked_share(&tracer, 0.3), 0.0);
+    let inside = blocked_share(&tracer, 1.9);
     assert!(inside > 0.02 && inside < 0.6, "{inside}");
     let ldi = capture(
         &CaptureSpec {

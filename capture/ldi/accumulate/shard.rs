@@ -7,7 +7,7 @@
 use crate::accumulate::accumulator::Accumulator;
 use crate::capture::SceneCapture;
 use crate::rays::ray_plan::RayPlan;
-use crate::rays::trace::TracedRays;
+use crate::rays::trace_and_accumulate::TracedRays;
 use crate::scene_source::fingerprint;
 use crate::spec::{CaptureSpec, RunOptions};
 use headbox_core::container::{Container, ContainerWriter, FileError, FileKind};

@@ -1,9 +1,9 @@
 //! Stage 5: light on surface samples.
 //!
 //! * [`shade`]: surface samples from accumulators, and the points where light is sampled.
-//! * [`illuminate`]: takes the light samples of a face.
+//! * [`sample_light`]: takes the light samples of a face.
 //! * [`pool`]: averages soft light over surfaces.
 
-pub(crate) mod illuminate;
 pub(crate) mod pool;
+pub(crate) mod sample_light;
 pub(crate) mod shade;

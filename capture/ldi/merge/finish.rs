@@ -2,10 +2,10 @@
 
 use super::merged_face::MergedFace;
 use crate::capture::{SceneCapture, stage};
-use crate::light::illuminate::{FaceLightSamples, ROUNDS, pool_light, sample_light};
+use crate::light::sample_light::{FaceLightSamples, ROUNDS, pool_light, sample_light};
 use crate::light::shade::Shader;
 use crate::merge::clusters::merge_pixel;
-use crate::rays::trace::{TracedRays, blocked_share};
+use crate::rays::trace_and_accumulate::{TracedRays, blocked_share};
 use crate::surfaces::surface_samples::FaceSurfaces;
 use crate::surfaces::unlit::UnlitFaces;
 use glam::Vec3;

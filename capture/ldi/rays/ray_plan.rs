@@ -9,7 +9,7 @@
 //! all shards agree on the plan.
 
 use crate::accumulate::accumulator::Accumulator;
-use crate::accumulate::tiles::TileStore;
+use crate::accumulate::tile_store::TileStore;
 use headbox_trace::sampler::{RayKey, Strata};
 use rayon::prelude::*;
 use std::io;

@@ -14,9 +14,9 @@
 
 mod test_view;
 
-use crate::accumulate::tiles::InsertScratch;
+use crate::accumulate::tile_store::InsertScratch;
 use crate::capture::{SceneCapture, stage};
-use crate::rays::trace::{HitRouter, TracedRays};
+use crate::rays::trace_and_accumulate::{HitRouter, TracedRays};
 use crate::refine::test_view::{TestView, ViewFindings, ViewTest};
 use crate::surfaces::geometry_pass::GeometryCube;
 use headbox_core::progress::check_cancelled;

@@ -1,7 +1,7 @@
 //! A test view: one frame, compared with a ray through each of its pixels.
 
 use crate::accumulate::accumulator::Sample;
-use crate::rays::trace::HitRouter;
+use crate::rays::trace_and_accumulate::HitRouter;
 use crate::spec::CaptureSpec;
 use glam::{DVec3, Vec3, dvec3};
 use headbox_core::camera::{Camera, fov_deg};

@@ -8,7 +8,7 @@ use crate::light::shade::Shader;
 use crate::merge::clusters::merge_pixel;
 use crate::merge::coverage::BinSpan;
 use crate::merge::merged_face::MergedFace;
-use crate::rays::trace::TracedRays;
+use crate::rays::trace_and_accumulate::TracedRays;
 use crate::surfaces::unlit::UnlitFaces;
 use headbox_core::cube_face::Face;
 use headbox_core::progress::check_cancelled;
@@ -131,8 +131,8 @@ impl GeometryCube {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::accumulate::tiles::InsertScratch;
-    use crate::rays::trace::HitRouter;
+    use crate::accumulate::tile_store::InsertScratch;
+    use crate::rays::trace_and_accumulate::HitRouter;
     use crate::scene_source::SceneSource;
     use crate::spec::{CaptureSpec, RunOptions};
     use glam::Vec3;

@@ -3,9 +3,9 @@
 use super::pixel_set::PixelSet;
 use super::repair::repair_pinholes;
 use super::rows::split_lengths;
-use crate::accumulate::tiles::TILE_PX;
+use crate::accumulate::tile_store::TILE_PX;
 use crate::light::shade::{Shader, SurfaceSample};
-use crate::rays::trace::TracedRays;
+use crate::rays::trace_and_accumulate::TracedRays;
 use crate::surfaces::surface_samples::FaceSurfaces;
 use headbox_core::cube_face::Face;
 use headbox_core::progress::check_cancelled;

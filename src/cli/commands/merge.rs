@@ -9,7 +9,7 @@ use anyhow::{Context, ensure};
 use clap::Args;
 use headbox_ldi::accumulate::shard;
 use headbox_ldi::capture::SceneCapture;
-use headbox_ldi::rays::trace::TracedRays;
+use headbox_ldi::rays::trace_and_accumulate::TracedRays;
 use headbox_ldi::scene_source::fingerprint;
 use headbox_ldi::spec::RunOptions;
 use headbox_trace::bvh::Tracer;

@@ -1,6 +1,6 @@
 //! Depth ranges of blocks of a segment's pixels, for clipping.
 
-use super::depth_pixel::{INVERSE_DEPTH_CODE_MAX, PackedDepthPixel};
+use super::packed_depth_pixel::{INVERSE_DEPTH_CODE_MAX, PackedDepthPixel};
 
 /// Columns of a block; blocks start at multiples of that on the face.
 pub const BLOCK_COLUMNS: u32 = 64;

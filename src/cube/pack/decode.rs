@@ -1,8 +1,8 @@
 //! Decoding of packed depth pixels.
 
 use super::blocks::BlockIndex;
-use super::depth_pixel::{INVERSE_DEPTH_CODE_MAX, PackedDepthPixel, SplatIndexLayout};
 use super::layout::{CubeLdi, PackedSegment};
+use super::packed_depth_pixel::{INVERSE_DEPTH_CODE_MAX, PackedDepthPixel, SplatIndexLayout};
 use super::splat_index::DepthCodeRange;
 use crate::model::samples::{CubeSamples, DepthPixel, EncodedNormal, LayeredDepthImage};
 use glam::DVec3;

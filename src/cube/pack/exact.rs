@@ -1,7 +1,7 @@
 //! Unquantised depth pixels, to measure the error and the speed of packing.
 
-use super::depth_pixel::SplatIndexLayout;
 use super::layout::{CubeLdi, PackedSegment};
+use super::packed_depth_pixel::SplatIndexLayout;
 use super::{PackError, PackedDepthPixel, Split};
 use crate::model::samples::{CubeSamples, DepthPixel, LayeredDepthImage};
 

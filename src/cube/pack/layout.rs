@@ -1,7 +1,7 @@
 //! The tables of the packed LDI (S17, S22).
 
 use super::blocks::BlockIndex;
-use super::depth_pixel::{PackedDepthPixel, SplatIndexLayout};
+use super::packed_depth_pixel::{PackedDepthPixel, SplatIndexLayout};
 use super::plane_set::PlaneSet;
 use crate::model::info::CaptureInfo;
 use headbox_core::cube_face::Face;

@@ -3,12 +3,12 @@
 
 pub mod blocks;
 pub mod decode;
-pub mod depth_pixel;
-pub mod encode;
 pub mod exact;
 pub mod file;
 pub mod layout;
 pub(crate) mod mips;
+pub mod pack_samples;
+pub mod packed_depth_pixel;
 pub mod plane_set;
 pub mod planes;
 pub(crate) mod runs;
@@ -19,11 +19,11 @@ pub mod validate;
 
 pub use blocks::BlockIndex;
 pub use decode::DecodedDepthPixel;
-pub use depth_pixel::{INVERSE_DEPTH_CODE_MAX, PackedDepthPixel, SplatIndexLayout};
-pub use encode::{PackError, Split};
 pub use exact::{UnquantisedCube, UnquantisedDepthPixel};
 pub use layout::{CubeLdi, PackedSegment, SegmentSide};
 pub use mips::LazyMips;
+pub use pack_samples::{PackError, Split};
+pub use packed_depth_pixel::{INVERSE_DEPTH_CODE_MAX, PackedDepthPixel, SplatIndexLayout};
 pub use plane_set::PlaneSet;
 pub use planes::{Plane, PlaneTile};
 pub use validate::PackedError;

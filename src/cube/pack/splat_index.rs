@@ -12,7 +12,7 @@
 //!   z: 28 rings of 3.6 degrees cover these, and 5 coarse rings the others (hits of rays that start
 //!   at one face and belong to another).
 
-use super::depth_pixel::SplatIndexLayout;
+use super::packed_depth_pixel::SplatIndexLayout;
 use glam::{DVec3, Vec3};
 use std::f64::consts::{PI, TAU};
 use std::sync::LazyLock;

@@ -1,7 +1,7 @@
 //! Validation of the render-time layout (S17, S22, S23).
 
-use super::depth_pixel::{PackedDepthPixel, SplatIndexLayout};
 use super::layout::{CubeLdi, PackedSegment, SegmentSide};
+use super::packed_depth_pixel::{PackedDepthPixel, SplatIndexLayout};
 use super::planes::MAX_TILE_PX;
 use crate::model::validate::{LdiError, MAX_FACE_SIZE_PX};
 use headbox_core::cube_face::Face;

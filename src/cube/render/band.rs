@@ -7,7 +7,7 @@ use crate::render::canvas::depth::DepthCanvas;
 use crate::render::footprint::splat::{SplatKernel, Splats};
 use crate::render::planes::ROWS_AROUND;
 use crate::render::renderer::Source;
-use crate::render::resolve::composite::{EnvironmentBackground, Pixels};
+use crate::render::resolve::composite_environment::{EnvironmentBackground, Pixels};
 use crate::render::resolve::holes;
 use crate::render::settings::FrameStats;
 use crate::render::setup::clip::Band;

@@ -3,7 +3,7 @@
 use crate::pack::{CubeLdi, UnquantisedCube, UnquantisedDepthPixel};
 use crate::render::band::BandRenderer;
 use crate::render::planes::DepthLayer;
-use crate::render::resolve::composite::{Pixels, depth_chunks};
+use crate::render::resolve::composite_environment::{Pixels, depth_chunks};
 use crate::render::resolve::holes::HoleFiller;
 use crate::render::settings::{FrameStats, Imbalance, RenderSettings};
 use crate::render::setup::clip::Band;

@@ -7,7 +7,7 @@
 use super::BackdropQuality;
 use super::gather::{CubeJob, RayBatch};
 use crate::house::House;
-use crate::opening::Opening;
+use crate::portal_opening::Opening;
 use glam::DVec3;
 use headbox_core::cube_face::Face;
 use headbox_cube::model::parameters::MergeRule;

@@ -25,7 +25,7 @@ pub use sprite::PortalSprite;
 pub use texture::TextureSet;
 
 use super::house::House;
-use super::opening::Opening;
+use super::portal_opening::Opening;
 use glam::DVec3;
 use headbox_cube::model::parameters::MergeRule;
 use headbox_cube::pack::{CubeLdi, PackError};

@@ -2,7 +2,7 @@
 
 use super::BackdropQuality;
 use crate::house::House;
-use crate::opening::Opening;
+use crate::portal_opening::Opening;
 use glam::{DVec3, Vec3};
 use headbox_core::camera::{Camera, fov_deg};
 use headbox_core::color::srgb8_from_linear;

@@ -3,7 +3,7 @@
 
 use super::BackdropQuality;
 use crate::house::House;
-use crate::opening::Opening;
+use crate::portal_opening::Opening;
 use glam::{DVec2, DVec3, Vec3};
 use headbox_core::camera::Camera;
 use headbox_core::color::srgb8_from_linear;

@@ -7,7 +7,7 @@
 use super::BackdropQuality;
 use super::gather::CubeJob;
 use crate::house::House;
-use crate::opening::Opening;
+use crate::portal_opening::Opening;
 use glam::{DVec3, Vec3};
 use headbox_cube::model::parameters::MergeRule;
 use headbox_cube::pack::{CubeLdi, PackError};

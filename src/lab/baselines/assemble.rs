@@ -3,7 +3,9 @@
 use super::epipolar::{Boundary, Rays, RowDivision};
 use headbox_core::frame::Frame;
 use headbox_cube::render::band::BandRenderer;
-use headbox_cube::render::resolve::composite::{EnvironmentBackground, Pixels, depth_chunks};
+use headbox_cube::render::resolve::composite_environment::{
+    EnvironmentBackground, Pixels, depth_chunks,
+};
 use headbox_cube::render::settings::FrameStats;
 use headbox_cube::render::setup::plan::FramePlan;
 use rayon::prelude::*;

@@ -36,7 +36,7 @@ use headbox_cube::pack::blocks::{BLOCK_COLUMNS, BLOCK_ROWS};
 use headbox_cube::pack::{CubeLdi, PackedSegment};
 use headbox_cube::render::band::{BandRenderer, FacePart};
 use headbox_cube::render::footprint::rules::W_NEAR;
-use headbox_cube::render::resolve::composite::EnvironmentBackground;
+use headbox_cube::render::resolve::composite_environment::EnvironmentBackground;
 use headbox_cube::render::resolve::holes::HoleFiller;
 use headbox_cube::render::settings::Imbalance;
 use headbox_cube::render::setup::clip::{Band, SegmentClip};

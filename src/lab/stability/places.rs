@@ -8,7 +8,7 @@ use glam::{DVec3, Vec3, dvec3};
 use headbox_core::camera::Camera;
 use headbox_core::file_frame::{FileFrame, UpAxis};
 use headbox_cube::render::RenderSettings;
-use headbox_ldi::rays::trace::blocked_share;
+use headbox_ldi::rays::trace_and_accumulate::blocked_share;
 use headbox_scene::camera_path::CameraRecord;
 use headbox_scene::load::{LoadOptions, load};
 use headbox_scene::scene::Scene;

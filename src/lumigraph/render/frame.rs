@@ -17,7 +17,7 @@ use fearless_simd::Level as SimdLevel;
 use headbox_core::camera::Camera;
 use headbox_core::frame::{Coverage, Frame};
 use headbox_core::simd;
-use headbox_cube::render::resolve::composite::{EnvironmentBackground, Pixels};
+use headbox_cube::render::resolve::composite_environment::{EnvironmentBackground, Pixels};
 use rayon::prelude::*;
 use std::ops::Range;
 use std::sync::atomic::{AtomicU64, Ordering};

@@ -23,7 +23,7 @@ use headbox_core::frame::Frame;
 use headbox_core::simd;
 use headbox_cube::pack::CubeLdi;
 use headbox_cube::render::canvas::linear::LinearLight;
-use headbox_cube::render::resolve::composite::{EnvironmentBackground, Pixels};
+use headbox_cube::render::resolve::composite_environment::{EnvironmentBackground, Pixels};
 use headbox_cube::render::{RenderSettings, Renderer};
 use order::CubePoints;
 use polygon_raster::PolygonRaster;

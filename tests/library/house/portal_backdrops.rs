@@ -13,7 +13,7 @@ use headbox_cube::pack::{CubeLdi, SplatIndexLayout, Split};
 use headbox_cube::render::RenderSettings;
 use headbox_house::backdrop::{Backdrop, BackdropKind, Drawer, PortalSide};
 use headbox_house::house::House;
-use headbox_house::opening::Opening;
+use headbox_house::portal_opening::Opening;
 use headbox_house::settings::{Near, WalkSettings};
 use headbox_house::store::Store;
 use headbox_house::walk::Walker;

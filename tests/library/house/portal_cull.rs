@@ -4,7 +4,7 @@
 use glam::{DVec2, DVec3, dvec3};
 use headbox_core::camera::Camera;
 use headbox_core::random::Rng;
-use headbox_house::cull::{CellView, Limits, Window, visible_cells};
+use headbox_house::portal_culling::{CellView, Limits, Window, visible_cells};
 use headbox_model::{Cell, Portal, PortalModel, Prism};
 use headbox_scene::scene::Scene;
 

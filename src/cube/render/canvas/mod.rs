@@ -1,7 +1,7 @@
 //! Canvases: the pixels of a band in which splats accumulate, one type for each way of blending.
 //!
-//! * [`over`]: kernels that blend each footprint *over* the canvas, in drawing order.
-//! * [`surface`]: tents, averaged per surface; surfaces are then blended.
+//! * [`over_canvas`]: kernels that blend each footprint *over* the canvas, in drawing order.
+//! * [`surface_canvas`]: tents, averaged per surface; surfaces are then blended.
 //! * [`ellipse`]: the same with elliptical Gaussians in floating point.
 //! * [`linear`]: blending in linear light.
 //! * [`depth`]: the depth of each pixel, next to any canvas.
@@ -9,16 +9,16 @@
 pub(crate) mod depth;
 pub(crate) mod ellipse;
 pub mod linear;
-pub(crate) mod over;
-pub mod surface;
+pub(crate) mod over_canvas;
+pub mod surface_canvas;
 
 use crate::render::footprint::splat::{SplatKernel, Splats};
 use crate::render::planes::PlaneLayer;
 use ellipse::EllipseCanvas;
 use fearless_simd::Level;
-use over::{OverCanvas, SplatShape};
+use over_canvas::{OverCanvas, SplatShape};
 use std::ops::Range;
-use surface::SurfaceCanvas;
+use surface_canvas::SurfaceCanvas;
 
 /// Difference of inverse depth within which two splats of a pixel belong to one surface.
 #[derive(Clone, Copy, Debug, Default)]

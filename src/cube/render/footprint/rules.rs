@@ -1,7 +1,7 @@
 //! Constants of the tent kernel, for other implementations that must render the same frames.
 
 use super::size::{FootprintSize, TangentSize, TangentTable};
-use crate::render::canvas::surface;
+use crate::render::canvas::surface_canvas;
 use crate::render::footprint::tent;
 use crate::render::setup::clip;
 
@@ -19,6 +19,6 @@ pub const W_NEAR: f32 = clip::W_NEAR;
 /// Steps of a weight from 0 to 1.
 pub const WEIGHT_STEPS: u32 = tent::ONE;
 /// Weight at which a surface hides everything behind it.
-pub const OPAQUE_WEIGHT: f64 = surface::OPAQUE as f64 / tent::ONE as f64;
+pub const OPAQUE_WEIGHT: f64 = surface_canvas::OPAQUE as f64 / tent::ONE as f64;
 /// Least share of a pixel that a surface covers if it touches it at all.
-pub const MIN_SHARE: f64 = surface::MIN_SHARE as f64 / 255.0;
+pub const MIN_SHARE: f64 = surface_canvas::MIN_SHARE as f64 / 255.0;

@@ -10,7 +10,7 @@ use crate::pack::CubeLdi;
 use crate::render::RenderSettings;
 use crate::render::canvas::Tolerance;
 use crate::render::canvas::depth;
-use crate::render::canvas::surface::SurfaceCanvas;
+use crate::render::canvas::surface_canvas::SurfaceCanvas;
 use crate::render::footprint::size::{
     EllipseSize, PaperSize, SegmentSize, StampSize, TangentSize, TangentTable,
 };

@@ -1,4 +1,4 @@
-//! Page of a cube LDI. It is rendered by the rules of [`headbox_cube::render::canvas::surface`],
+//! Page of a cube LDI. It is rendered by the rules of [`headbox_cube::render::canvas::surface_canvas`],
 //! whose parameters are in the page's header, so that its frames can be compared with the CPU's.
 
 mod samples;
@@ -11,7 +11,7 @@ use headbox_core::cube_face::Face;
 use headbox_cube::model::depth_bins::DepthBins;
 use headbox_cube::pack::splat_index::SPLAT_INDEX_COUNT;
 use headbox_cube::pack::{CubeLdi, PlaneSet};
-use headbox_cube::render::canvas::surface;
+use headbox_cube::render::canvas::surface_canvas;
 use headbox_cube::render::footprint::rules;
 use serde_json::{Value, json};
 
@@ -62,7 +62,7 @@ fn header(cube: &CubeLdi) -> Value {
         "segments": segments,
         "rules": {
             "pixel": 2.0 / face_px,
-            "tolerance": surface::SurfaceCanvas::tolerance(cube.face_size_px),
+            "tolerance": surface_canvas::SurfaceCanvas::tolerance(cube.face_size_px),
             "bin": DepthBins::new(info.half_size_m, cube.face_size_px).inverse_depth(1.0),
             "maxSlope": rules::MAX_SLOPE,
             "minRadius": rules::MIN_RADIUS_PX,

@@ -5,7 +5,7 @@
 
 use glam::{DVec2, DVec3, Vec3};
 use headbox_house::house::{EYE_HEIGHT_M, House, REVEAL_M};
-use headbox_house::opening::Opening;
+use headbox_house::portal_opening::Opening;
 use headbox_house::walk_path::door;
 use headbox_model::{Portal, Prism};
 use headbox_trace::bvh::Ray;

@@ -2,7 +2,7 @@
 //!
 //! Backdrops are left out: they replace geometry for rendering on a CPU, and a GPU that displays
 //! pages can draw a whole home. The page determines visible cells itself by the rule of
-//! [`headbox_house::cull`] (`cells.js`), to skip the other cells' vertices.
+//! [`headbox_house::portal_culling`] (`cells.js`), to skip the other cells' vertices.
 
 mod chunks;
 mod floors;
@@ -13,8 +13,8 @@ use chunks::{Chunk, POSITION_STEP_M};
 use floors::Floor;
 use glam::DVec3;
 use headbox_core::camera::Camera;
-use headbox_house::cull::{Limits, visible_cells};
 use headbox_house::house::House;
+use headbox_house::portal_culling::{Limits, visible_cells};
 use headbox_house::settings::WalkSettings;
 use headbox_house::store::Store;
 use headbox_house::walk::Walker;

@@ -16,7 +16,7 @@
 //!   on a path; the path's portals are skipped, which bounds the recursion by the number of
 //!   portals. [`Limits`] bound it further.
 
-use crate::opening::polygon_edges;
+use crate::portal_opening::polygon_edges;
 use glam::DVec3;
 use headbox_core::camera::Camera;
 use headbox_model::PortalModel;

@@ -7,7 +7,7 @@
 use super::ray_plan::RayPlan;
 use crate::accumulate::accumulator::{Accumulator, Sample, to_unorm16};
 use crate::accumulate::environment_mask::EnvironmentMask;
-use crate::accumulate::tiles::{InsertScratch, TileStore};
+use crate::accumulate::tile_store::{InsertScratch, TileStore};
 use crate::capture::{SceneCapture, stage};
 use crate::spec::{CaptureSpec, RunOptions};
 use glam::{DVec3, Vec3};

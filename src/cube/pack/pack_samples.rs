@@ -1,8 +1,8 @@
 //! Packing: from the build-time LDI to the 8-byte render-time one (S17, S22, S23).
 
 use super::blocks::BlockIndex;
-use super::depth_pixel::{INVERSE_DEPTH_CODE_MAX, PackedDepthPixel, SplatIndexLayout};
 use super::layout::{CubeLdi, PackedSegment, SegmentSide};
+use super::packed_depth_pixel::{INVERSE_DEPTH_CODE_MAX, PackedDepthPixel, SplatIndexLayout};
 use super::plane_set::PlaneSet;
 use super::splat_index::{DepthCodeRange, SplatCoder};
 use crate::model::samples::{CubeSamples, DepthPixel, LayeredDepthImage};
