@@ -227,7 +227,8 @@ impl View {
 
 impl LoadedView {
     /// Returns a pixel's depth if it is known and the pixel is not masked out. Infinite depth is
-    /// clamped to [`MAX_DEPTH_M`], so that the background is a surface like others, with its colour.
+    /// clamped to [`MAX_DEPTH_M`], so that the background is a surface like others, with its
+    /// colour.
     #[inline]
     pub fn depth_at(&self, x: u32, y: u32) -> Option<f32> {
         let i = y as usize * self.size_px[0] as usize + x as usize;

@@ -14,8 +14,8 @@ pub struct Task<S>(Arc<Shared<S>>);
 
 /// State, progress and outcome of a task, shared by its thread and its owner.
 ///
-/// As [`Progress`] it counts the steps of the current stage, and is cancelled once the task's handle
-/// is dropped.
+/// As [`Progress`] it counts the steps of the current stage, and is cancelled once the task's
+/// handle is dropped.
 #[derive(Debug, Default)]
 pub struct Shared<S> {
     state: Mutex<TaskState<S>>,

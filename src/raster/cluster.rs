@@ -18,8 +18,8 @@ struct ProjectedVertices {
     y: [i32; CLUSTER_VERTICES],
     /// 1 / eye depth, 1/m.
     inverse_depth: [f32; CLUSTER_VERTICES],
-    /// Outcode: [`CLIPPED`], and a bit for the near plane and each side of the frame that the vertex
-    /// is outside of.
+    /// Outcode: [`CLIPPED`], and a bit for the near plane and each side of the frame that the
+    /// vertex is outside of.
     outcode: [u8; CLUSTER_VERTICES],
 }
 
@@ -97,8 +97,8 @@ impl LocalCamera {
         }
     }
 
-    /// Projects and snaps vertices: a plain loop over arrays that the compiler vectorises at the SIMD
-    /// level.
+    /// Projects and snaps vertices: a plain loop over arrays that the compiler vectorises at the
+    /// SIMD level.
     #[inline(always)]
     fn project_vertices<S: Simd>(&self, _: S, [x, y, z]: [&[f32]; 3], out: &mut ProjectedVertices) {
         let count = x.len().min(y.len()).min(z.len()).min(CLUSTER_VERTICES);

@@ -94,8 +94,8 @@ impl MeshMaterial {
 }
 
 impl RasterMesh {
-    /// Prepares groups of the scene's triangles, relative to `origin` (world metres). The scene must
-    /// be valid ([`Scene::validate`]). Triangles in no group, with a coordinate beyond
+    /// Prepares groups of the scene's triangles, relative to `origin` (world metres). The scene
+    /// must be valid ([`Scene::validate`]). Triangles in no group, with a coordinate beyond
     /// [`MAX_COORDINATE`], or with an index of 2^31 or more are never drawn; ranges are clamped to
     /// the number of triangles.
     pub fn new(scene: Arc<Scene>, groups: &[Range<u32>], origin: DVec3) -> Self {

@@ -5,8 +5,8 @@
 //! of 256, so that E / 256, rounded down, has the same sign at every pixel and needs fewer bits.
 //!
 //! A centre on an edge is covered by both triangles that share the edge: no crack is left between
-//! neighbours whose edges have the same ends. At a T-junction (a corner on the edge of a neighbour),
-//! snapping opens cracks of up to 1.4/256 px, so meshes must be stitched
+//! neighbours whose edges have the same ends. At a T-junction (a corner on the edge of a
+//! neighbour), snapping opens cracks of up to 1.4/256 px, so meshes must be stitched
 //! ([`Scene::stitch`](headbox_scene::scene::Scene::stitch)).
 
 use super::SurfaceId;
@@ -82,8 +82,8 @@ impl Edge {
         }
     }
 
-    /// Finds the first and the end of the columns, of `count`, that are inside the edge in a row with
-    /// `value` at its first column.
+    /// Finds the first and the end of the columns, of `count`, that are inside the edge in a row
+    /// with `value` at its first column.
     #[inline(always)]
     fn inside_columns(&self, value: i64, count: i64) -> [i64; 2] {
         match self.column {
@@ -164,9 +164,9 @@ fn is_nearer([value, stored]: [f32; 2], [id, stored_id]: [SurfaceId; 2]) -> bool
 }
 
 /// Width in columns up to which all pixels of a triangle's bounding box are tested; for wider
-/// triangles the ends of each row are computed. Over this width E / 256 fits into 32 bits: with corners within
-/// [`GUARD_PX`](super::view::GUARD_PX), an edge is 2^14 by 2^23 units at most, and E no more than
-/// 2^38.3 within 80 columns of the box's start.
+/// triangles the ends of each row are computed. Over this width E / 256 fits into 32 bits: with
+/// corners within [`GUARD_PX`](super::view::GUARD_PX), an edge is 2^14 by 2^23 units at most, and E
+/// no more than 2^38.3 within 80 columns of the box's start.
 const NARROW_PX: u32 = 64;
 
 /// Index of each lane.
@@ -278,7 +278,8 @@ impl DrawnRows<'_> {
         self.stats.pixels_written += u64::from(written);
     }
 
-    /// Tests and writes [`LANES`] pixels from index `start` on; returns the number of pixels written.
+    /// Tests and writes [`LANES`] pixels from index `start` on; returns the number of pixels
+    /// written.
     #[inline(always)]
     fn depth_test<S: Simd>(
         &mut self,

@@ -118,9 +118,9 @@ pub(super) struct Slopes {
 }
 
 impl Slopes {
-    /// Computes the fourth power of the side of a pixel's footprint in the texture, texels. The side
-    /// is the geometric mean of those along x and y, as the longer one alone blurs surfaces at a
-    /// grazing angle. `per`: the reciprocals of the sums of weights.
+    /// Computes the fourth power of the side of a pixel's footprint in the texture, texels. The
+    /// side is the geometric mean of those along x and y, as the longer one alone blurs surfaces at
+    /// a grazing angle. `per`: the reciprocals of the sums of weights.
     #[inline(always)]
     pub(super) fn footprint<S: Simd>(
         &self,

@@ -258,8 +258,8 @@ impl Lighting {
         let mut lighting = Self::unmetered(tracer, bounces);
         let pilot = Pilot::new(tracer, place);
         let mut exposed = lighting.meter(tracer, &pilot);
-        // Very bright light is clamped ([`MAX_BOUNCE_RADIANCE`]) according to an exposure that is not
-        // known yet: a scene lit by sunlight in lux is metered again with the exposure just
+        // Very bright light is clamped ([`MAX_BOUNCE_RADIANCE`]) according to an exposure that is
+        // not known yet: a scene lit by sunlight in lux is metered again with the exposure just
         // measured.
         for _ in 0..MAX_METERING_ITERATIONS {
             if exposed >= 0.5 * lighting.exposure {

@@ -1,5 +1,5 @@
-//! The unpacked cube LDI: samples and their order, depth bins, the header, and the validation of all
-//! of these.
+//! The unpacked cube LDI: samples and their order, depth bins, the header, and the validation of
+//! all of these.
 
 pub mod depth_bins;
 pub mod info;

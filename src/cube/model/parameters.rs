@@ -20,8 +20,8 @@ pub enum Sampler {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum MergeRule {
-    /// One depth pixel with their mean depth and colour, weighted by their numbers of rays (Shade et
-    /// al.; default).
+    /// One depth pixel with their mean depth and colour, weighted by their numbers of rays (Shade
+    /// et al.; default).
     #[default]
     Average,
     /// Only the surface that was sampled with the smallest area stays (Rafferty et al.).

@@ -194,8 +194,8 @@ impl LayeredDepthImage {
 }
 
 impl CaptureInfo {
-    /// Checks that lengths and exposure are positive and finite, that the centre is finite, and that
-    /// shares and estimates lie between 0 and 1.
+    /// Checks that lengths and exposure are positive and finite, that the centre is finite, and
+    /// that shares and estimates lie between 0 and 1.
     ///
     /// # Errors
     /// [`LdiError::Info`] with the field and its value.

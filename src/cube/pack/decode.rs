@@ -45,8 +45,8 @@ impl PackedSegment {
         DepthCodeRange::from_inverse_depths(self.inverse_depth_min, self.inverse_depth_max)
     }
 
-    /// Returns the depth pixels of row `y` of the rectangle and the `width + 1` running counts of its
-    /// pixels; two empty slices if the tables of an invalid segment are out of range.
+    /// Returns the depth pixels of row `y` of the rectangle and the `width + 1` running counts of
+    /// its pixels; two empty slices if the tables of an invalid segment are out of range.
     pub fn row(&self, y: u32) -> (&[PackedDepthPixel], &[u32]) {
         self.slice_row(&self.depth_pixels, y)
     }

@@ -60,8 +60,8 @@ struct SegmentHeader {
 }
 
 impl CubeHeader {
-    /// Checks the sizes of the arrays before any is read: at most one segment for each face and side,
-    /// each a non-empty rectangle of a face.
+    /// Checks the sizes of the arrays before any is read: at most one segment for each face and
+    /// side, each a non-empty rectangle of a face.
     fn check(&self, section: &Section) -> Result<(), FileError> {
         let key = |segment: &SegmentHeader| (segment.face, segment.near);
         if !self.segments.is_sorted_by(|a, b| key(a) < key(b)) {

@@ -3,10 +3,10 @@
 //!
 //! A bilinear lookup is a tent as wide as the distance of texels. If that is less than a pixel, the
 //! texture aliases; a texture of half the size blurs. So there are about two levels per octave: an
-//! odd level is the level before it, smoothed by 1, 10, 1 (twelfths); an even level is the level two
-//! before it, filtered by -1, 4, 10, 4, -1 (sixteenths) and decimated by 2. That filter neither
-//! blurs (its variance is 0) nor aliases (0 at the highest frequency). The outermost lines of texels
-//! are not filtered across, so that tiles that share one still meet. Measured in
+//! odd level is the level before it, smoothed by 1, 10, 1 (twelfths); an even level is the level
+//! two before it, filtered by -1, 4, 10, 4, -1 (sixteenths) and decimated by 2. That filter neither
+//! blurs (its variance is 0) nor aliases (0 at the highest frequency). The outermost lines of
+//! texels are not filtered across, so that tiles that share one still meet. Measured in
 //! docs/decisions/0051.
 
 use std::sync::OnceLock;
@@ -79,8 +79,8 @@ pub(crate) fn halvings(level: usize) -> usize {
     level / 2
 }
 
-/// Returns the number of texels at a level along a side of `length` texels: each halving keeps every
-/// second one, and the last.
+/// Returns the number of texels at a level along a side of `length` texels: each halving keeps
+/// every second one, and the last.
 pub(crate) fn side(length: u16, level: usize) -> usize {
     usize::from(length)
         .saturating_sub(1)
@@ -117,8 +117,8 @@ impl Filter {
         self.weights[0] + 2 * (self.weights[1] + self.weights[2])
     }
 
-    /// Filters a texture of `width` x `height` texels to `columns` x `rows`; empty if the source has
-    /// the wrong number of texels.
+    /// Filters a texture of `width` x `height` texels to `columns` x `rows`; empty if the source
+    /// has the wrong number of texels.
     pub(super) fn apply(
         &self,
         source: &[[u8; 4]],

@@ -36,8 +36,8 @@ impl PlaneSet {
         size_of_val(&self.planes[..]) + size_of_val(&self.tiles[..]) + size_of_val(&self.texels[..])
     }
 
-    /// Returns the texels of a tile at a level, in rows of [`mips::side`] of its width; empty if there
-    /// are none.
+    /// Returns the texels of a tile at a level, in rows of [`mips::side`] of its width; empty if
+    /// there are none.
     pub(crate) fn mip_texels(&self, index: usize, level: usize) -> &[[u8; 4]] {
         if level > 0 {
             return self

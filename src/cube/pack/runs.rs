@@ -1,9 +1,9 @@
 //! Run-length encoding of the number of samples per pixel of a segment.
 //!
-//! The stream starts with its length in bytes, a little-endian `u32`. Then follows, pixel by pixel in
-//! row-major order, the number of samples; a 0 is followed by the number of further empty pixels.
-//! Each number is a LEB128 integer: groups of seven bits from the lowest, all bytes but the last
-//! with the highest bit set. Zero bytes pad the stream to a multiple of four.
+//! The stream starts with its length in bytes, a little-endian `u32`. Then follows, pixel by pixel
+//! in row-major order, the number of samples; a 0 is followed by the number of further empty
+//! pixels. Each number is a LEB128 integer: groups of seven bits from the lowest, all bytes but the
+//! last with the highest bit set. Zero bytes pad the stream to a multiple of four.
 
 use super::PackedSegment;
 use crate::model::validate::MAX_FACE_SIZE_PX;

@@ -136,11 +136,11 @@ impl SplatIndexLayout {
         code as u32
     }
 
-    /// Corrects the splat index of a sample so that a surface that faces the centre still does after
-    /// decoding; `toward` is the unit vector from the centre to the sample. Without this, a floor
-    /// seen edge-on may become a ceiling, which is less than a code away, and its footprints shrink
-    /// on the side on which they must grow. The correction is too small in the corners of a face for
-    /// normals that point away from its front, where codes are coarse.
+    /// Corrects the splat index of a sample so that a surface that faces the centre still does
+    /// after decoding; `toward` is the unit vector from the centre to the sample. Without this, a
+    /// floor seen edge-on may become a ceiling, which is less than a code away, and its footprints
+    /// shrink on the side on which they must grow. The correction is too small in the corners of a
+    /// face for normals that point away from its front, where codes are coarse.
     fn keep_facing(
         self,
         index: u32,

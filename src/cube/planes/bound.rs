@@ -1,5 +1,5 @@
-//! Error bound: the maximum error of inverse depth that displaces a surface by at most a given number
-//! of frame pixels for any eye in the headbox. `docs/primitives.md` derives it.
+//! Error bound: the maximum error of inverse depth that displaces a surface by at most a given
+//! number of frame pixels for any eye in the headbox. `docs/primitives.md` derives it.
 
 use glam::DVec3;
 
@@ -39,11 +39,11 @@ impl Bound {
     /// Computes the maximum error of inverse depth, 1/m, of a primitive that replaces a sample of
     /// inverse depth `q` in the direction `d` (from the centre, at depth 1).
     ///
-    /// Seen from an eye at b, two points P, P' of a ray from the centre are an angle apart whose sine
-    /// is |P' - P| r / (|P - b| |P' - b|), r the eye's distance from the ray. With z, z' the
+    /// Seen from an eye at b, two points P, P' of a ray from the centre are an angle apart whose
+    /// sine is |P' - P| r / (|P - b| |P' - b|), r the eye's distance from the ray. With z, z' the
     /// distances from the eye to P, P' along the ray, the denominator is at least r^2 + z z'
-    /// (Cauchy-Schwarz), and the nearer of the two is no nearer than z = |P| - (the headbox's extent
-    /// along the ray). r / (r^2 + z^2) grows with r up to r = z.
+    /// (Cauchy-Schwarz), and the nearer of the two is no nearer than z = |P| - (the headbox's
+    /// extent along the ray). r / (r^2 + z^2) grows with r up to r = z.
     pub fn tolerance(&self, d: DVec3, q: f64) -> f64 {
         let first = self.tolerance_up_to(d, q, q);
         self.tolerance_up_to(d, q, q + first)

@@ -25,8 +25,8 @@ use textures::FaceTextures;
 /// Maximum error bound, px: more than the width of a frame.
 pub const MAX_ERROR_PX: f64 = 1e6;
 
-/// Default error bound of captures, px: smooth walls lose up to half a decibel, at 50 dB and more in
-/// captures without noise (docs/decisions/0051).
+/// Default error bound of captures, px: smooth walls lose up to half a decibel, at 50 dB and more
+/// in captures without noise (docs/decisions/0051).
 pub const DEFAULT_ERROR_PX: f64 = 0.5;
 
 /// Packs a cube LDI that is visible in all directions. Planar samples become plane textures

@@ -22,8 +22,8 @@ const SEED_RADIUS: i64 = 3;
 /// Minimum number of the 49 pixels of a seed's window that have samples on its plane.
 const MIN_SEED_SUPPORT: usize = 24;
 
-/// Relative error of inverse depth, one pixel away, of the tangent plane of a sample: 3 degrees of a
-/// packed normal at 74 degrees to the line of sight, over half of a face of 1024 pixels.
+/// Relative error of inverse depth, one pixel away, of the tangent plane of a sample: 3 degrees of
+/// a packed normal at 74 degrees to the line of sight, over half of a face of 1024 pixels.
 const NORMAL_ERROR: f64 = 0.18 / 512.0;
 
 /// A plane, and the pixels that it covers.
@@ -150,8 +150,8 @@ impl<'a> Grower<'a> {
             .filter(|i| self.owner[*i] == NO_REGION)
     }
 
-    /// Fits a plane about a sample: the tangent plane first, then least squares over the samples that
-    /// lie on it.
+    /// Fits a plane about a sample: the tangent plane first, then least squares over the samples
+    /// that lie on it.
     fn fit_seed(&self, pixel: u32, i: usize) -> Option<Seed> {
         let size = self.face.size_px;
         let [x, y] = self.centre(pixel);
@@ -206,8 +206,8 @@ impl<'a> Grower<'a> {
         })
     }
 
-    /// Grows a region from a seed; `None` if it is too small. The plane is refined by flood fills: one
-    /// that adapts it, and two with the plane rounded as it is stored.
+    /// Grows a region from a seed; `None` if it is too small. The plane is refined by flood fills:
+    /// one that adapts it, and two with the plane rounded as it is stored.
     fn grow(&mut self, seed: &Seed) -> Option<Region> {
         let centre = self.centre(seed.pixel);
         if !self
@@ -253,9 +253,9 @@ impl<'a> Grower<'a> {
         self.regions.push(region);
     }
 
-    /// Finds the pixels connected to `start` with unassigned samples on a plane, and the least-squares
-    /// plane through these samples; `None` if there are too few, or if they lie on a line. If
-    /// `adapts`, the plane is refitted whenever the number of samples has doubled.
+    /// Finds the pixels connected to `start` with unassigned samples on a plane, and the
+    /// least-squares plane through these samples; `None` if there are too few, or if they lie on a
+    /// line. If `adapts`, the plane is refitted whenever the number of samples has doubled.
     fn flood_fill(
         &mut self,
         mut affine: Affine,

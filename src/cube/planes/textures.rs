@@ -1,5 +1,5 @@
-//! Textures of regions: one texel for each face pixel, sharpened against the blur of bilinear lookups,
-//! divided into tiles.
+//! Textures of regions: one texel for each face pixel, sharpened against the blur of bilinear
+//! lookups, divided into tiles.
 
 use super::regions::{Grower, NO_REGION, Region};
 use crate::pack::{PlaneSet, PlaneTile};
@@ -21,7 +21,8 @@ pub(super) struct FaceTextures {
     pub(super) samples: u64,
 }
 
-/// Minimum number of neighbours in a region of an empty pixel that is filled as a gap in the region.
+/// Minimum number of neighbours in a region of an empty pixel that is filled as a gap in the
+/// region.
 const GAP_NEIGHBOURS: usize = 6;
 
 /// Draws the tiles of the regions of a face, and unassigns the samples outside all tiles.
@@ -309,9 +310,10 @@ impl TexturePainter<'_, '_> {
     /// Extrapolates the texel of a pixel outside the region from the region's colours in the eight
     /// pixels `around` it.
     ///
-    /// In a gap of the region the texel is opaque, and outside the face it has the mean alpha. At the
-    /// region's border, or where the region is occluded, it is transparent, so that the bilinear
-    /// alpha falls like the weight of a tent, and adjacent surfaces are accumulated as with samples.
+    /// In a gap of the region the texel is opaque, and outside the face it has the mean alpha. At
+    /// the region's border, or where the region is occluded, it is transparent, so that the
+    /// bilinear alpha falls like the weight of a tent, and adjacent surfaces are accumulated as
+    /// with samples.
     fn extrapolate(&self, x: i32, y: i32, around: &[Option<[u8; 4]>]) -> [u8; 4] {
         let (mut sum, mut count) = ([0u32; 4], 0);
         for color in around.iter().flatten() {
@@ -338,9 +340,9 @@ impl TexturePainter<'_, '_> {
 /// belong to the region.
 ///
 /// A bilinear lookup is a tent, which blurs by a variance of a sixth of a texel along each axis.
-/// Adding a twelfth of the difference to each neighbour would compensate this (Condat, Blu and Unser
-/// 2005, "Beyond interpolation: optimal reconstruction by quasi-interpolation"). Only half of it is
-/// added: all of it amplifies the noise of fine textures more than it sharpens others
+/// Adding a twelfth of the difference to each neighbour would compensate this (Condat, Blu and
+/// Unser 2005, "Beyond interpolation: optimal reconstruction by quasi-interpolation"). Only half of
+/// it is added: all of it amplifies the noise of fine textures more than it sharpens others
 /// (docs/primitives.md, "Texels").
 fn sharpen(own: [u8; 4], neighbours: [Option<[u8; 4]>; 4]) -> [u8; 4] {
     const PART: i32 = 24;

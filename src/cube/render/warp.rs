@@ -39,8 +39,8 @@ impl<'a> SegmentWarp<'a> {
         }
     }
 
-    /// Warps a batch to `splats`; culls depth pixels behind the eye, or with a footprint outside the
-    /// band.
+    /// Warps a batch to `splats`; culls depth pixels behind the eye, or with a footprint outside
+    /// the band.
     pub(crate) fn warp<P: Format>(
         &self,
         batch: &Batch<P>,

@@ -36,7 +36,8 @@ pub(super) fn footprint_legend() -> Vec<Swatch> {
     class_legend("no footprint", &WIDTHS_PX, "px wide")
 }
 
-/// Paints the number of footprints drawn on each pixel, by classes; returns the mean and the maximum.
+/// Paints the number of footprints drawn on each pixel, by classes; returns the mean and the
+/// maximum.
 pub(super) fn paint_overdraw(overdraw: &[Overdraw], pixels: &mut [[u8; 4]]) -> Vec<Figure> {
     let (mut sum, mut drawn, mut most) = (0_u64, 0_u64, 0);
     for (pixel, overdraw) in pixels.iter_mut().zip(overdraw) {

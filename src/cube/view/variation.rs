@@ -1,5 +1,5 @@
-//! Variations of an LDI: some of its segments, or false colours. The renderer draws a variation like
-//! any LDI, so these overlays need no support in it, and show exactly what it blends.
+//! Variations of an LDI: some of its segments, or false colours. The renderer draws a variation
+//! like any LDI, so these overlays need no support in it, and show exactly what it blends.
 
 use crate::pack::{
     CubeLdi, PackedDepthPixel, PackedSegment, Plane, PlaneSet, PlaneTile, SegmentSide,

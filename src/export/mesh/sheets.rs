@@ -132,8 +132,8 @@ fn entries<'a>(
     })
 }
 
-/// Places the samples of one pixel: first, on each sheet, the sample that best continues an adjacent
-/// surface, then the others on sheets that are still empty there.
+/// Places the samples of one pixel: first, on each sheet, the sample that best continues an
+/// adjacent surface, then the others on sheets that are still empty there.
 fn place_samples(
     samples: &[SheetSample],
     at: usize,

@@ -71,8 +71,8 @@ pub(crate) fn straight([r, g, b, a]: [u8; 4]) -> [u8; 4] {
     [divide(r), divide(g), divide(b), a]
 }
 
-/// Iterates over all samples, all texels of plane textures, and with `sky` those of the environment,
-/// at a large distance.
+/// Iterates over all samples, all texels of plane textures, and with `sky` those of the
+/// environment, at a large distance.
 pub(crate) fn surfels(cube: &CubeLdi, sky: bool) -> impl Iterator<Item = Surfel> {
     let environment = sky.then(|| environment(cube)).into_iter().flatten();
     samples(cube).chain(texels(cube)).chain(environment)

@@ -48,14 +48,14 @@ pub enum BackdropKind {
     /// depth the one with the smaller area is kept; samples of the same image are all kept, and
     /// those of the central image are never replaced (R11).
     Ldi,
-    /// As `Ldi`, but samples at similar depth are both kept if their colours differ (P2).
+    /// Like `Ldi`, but samples at similar depth are both kept if their colours differ (P2).
     LdiColorsApart,
-    /// As `Ldi`, but samples at similar depth are averaged (S12).
+    /// Like `Ldi`, but samples at similar depth are averaged (S12).
     LdiAverage,
     /// A cube LDI about a point in front of the portal's middle, from rays through the whole
     /// opening.
     WindowLdi,
-    /// As `WindowLdi`, centred in the viewing cell: the part of the cell's cube LDI that belongs to
+    /// Like `WindowLdi`, centred in the viewing cell: the part of the cell's cube LDI that belongs to
     /// this portal.
     CellLdi,
     /// A sprite with depth from straight in front, drawn in two passes (S5), if the view behind the

@@ -1,8 +1,8 @@
 //! Hard numerical cases: measurements with a bound and the reason for the bound.
 //!
-//! `tests/library/report/stability.rs` tests each case with a few seeds; `headbox report --stability`
-//! measures more seeds and writes `STABILITY.md`. A case is a function of a seed, so that its
-//! results are reproducible.
+//! `tests/library/report/stability.rs` tests each case with a few seeds;
+//! `headbox report --stability` measures more seeds and writes `STABILITY.md`. A case is a function
+//! of a seed, so that its results are reproducible.
 
 mod arithmetic;
 mod cameras;

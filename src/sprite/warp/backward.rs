@@ -18,9 +18,9 @@ pub(super) enum Parallax<'a> {
     None,
     /// By a displacement: `(x3, y3, 1) + d3 e21` (Eq. 8 with C5).
     Displacement(&'a Field),
-    /// As `Displacement`, with the first term not divided by its third component, as printed.
+    /// Same as `Displacement`, with the first term not divided by its third component, as printed.
     AsPrinted(&'a Field),
-    /// As `Displacement`, with the epipole at infinity (S8): no division.
+    /// Same as `Displacement`, with the epipole at infinity (S8): no division.
     Affine(&'a Field),
     /// By a stored shift (S7, Eq. 9).
     Shift(&'a ShiftField),

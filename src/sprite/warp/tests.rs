@@ -19,7 +19,7 @@ const SIZE_F64: f64 = SIZE as f64;
 /// Resolution of a decoded address, pixels: colours are rounded to half a level and their weights
 /// to a little more, at 60 levels per pixel.
 const DECODING_PX: f64 = 0.012;
-/// What the first pass adds, pixels: its cells hold 15 bits of displacement, its slopes 8 bits, and
+/// Error of the first pass, pixels: its cells hold 15 bits of displacement, its slopes 8 bits, and
 /// it extrapolates by up to a cell across a surface that bends.
 const FIRST_PASS_PX: f64 = 0.02;
 
@@ -219,8 +219,8 @@ fn shift_field_is_exact_at_cell_centres() {
 
 #[test]
 fn shift_field_errs_by_half_a_cell_of_slope() {
-    // A cell holds one shift (Eq. 9). Off its centre by half a diagonal at most, the shift is off by
-    // what parallax changes on the way; the surface that changes by `steepest` per pixel of the
+    // A cell holds one shift (Eq. 9). Off its centre by half a diagonal at most, the shift is off
+    // by what parallax changes on the way; the surface that changes by `steepest` per pixel of the
     // picture may arrive squeezed by as much.
     let amplitude = 0.039;
     let bed = AddressBed::seen_from(dvec3(0.55, 0.25, 1.8), Surface::Waves(amplitude), [SIZE; 2]);

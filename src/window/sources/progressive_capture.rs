@@ -302,8 +302,8 @@ mod tests {
         },
     ];
 
-    /// The capture of `headbox capture` with the settings of a round: its headbox, and the command's
-    /// default for all that a round does not set.
+    /// The capture of `headbox capture` with the settings of a round: its headbox, and the
+    /// command's default for all that a round does not set.
     fn command_capture(source: &SceneSource, round: &Round) -> CubeLdi {
         let scene = Arc::new(source.open().unwrap());
         let headbox = viewpoint::place_headbox(&scene, None, None).unwrap();

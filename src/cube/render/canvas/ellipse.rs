@@ -1,8 +1,8 @@
 //! Canvas of elliptical Gaussians, averaged per surface in floating point: the reference for the
 //! integer kernels.
 //!
-//! The rules are those of [`super::surface_canvas`], without rounding. Footprints are ellipses whose
-//! weights add up to 1 on a surface, colours are kept in linear light, and sums are `f32`.
+//! The rules are those of [`super::surface_canvas`], without rounding. Footprints are ellipses
+//! whose weights add up to 1 on a surface, colours are kept in linear light, and sums are `f32`.
 
 use super::{Canvas, Tolerance};
 use crate::render::footprint::size::EllipseSize;

@@ -312,8 +312,8 @@ impl SegmentClip<'_> {
     }
 }
 
-/// Returns true if all corners, homogeneous frame positions from the principal point, lie behind the
-/// near plane or outside one of the bounds: left, right, upper and lower, px.
+/// Returns true if all corners, homogeneous frame positions from the principal point, lie behind
+/// the near plane or outside one of the bounds: left, right, upper and lower, px.
 pub(crate) fn are_outside(corners: &[DVec3], [left, right, top, bottom]: [f64; 4]) -> bool {
     let all = |outside: &dyn Fn(&DVec3) -> bool| corners.iter().all(outside);
     all(&|h| h.z < f64::from(W_NEAR))

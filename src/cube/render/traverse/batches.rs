@@ -184,9 +184,9 @@ fn gather<P: Format>(
     });
 }
 
-/// Passes the samples of one pixel to `push` by descending distance from the foot of the perpendicular
-/// from the eye to the pixel's ray (C9). Both ends of the pixel's list are the farthest on their
-/// side of the foot, so that one comparison per sample sorts them.
+/// Passes the samples of one pixel to `push` by descending distance from the foot of the
+/// perpendicular from the eye to the pixel's ray (C9). Both ends of the pixel's list are the
+/// farthest on their side of the foot, so that one comparison per sample sorts them.
 fn merge_from_ends<P: Format>(
     segment: &PackedSegment,
     mut pixel: &[P],

@@ -1,5 +1,6 @@
-//! Page of a cube LDI. It is rendered by the rules of [`headbox_cube::render::canvas::surface_canvas`],
-//! whose parameters are in the page's header, so that its frames can be compared with the CPU's.
+//! Page of a cube LDI. It is rendered by the rules of
+//! [`headbox_cube::render::canvas::surface_canvas`], whose parameters are in the page's header, so
+//! that its frames can be compared with the CPU's.
 
 mod samples;
 mod shell;
