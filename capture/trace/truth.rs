@@ -9,6 +9,7 @@ use headbox_core::frame::{Coverage, Frame};
 use headbox_core::progress::Progress;
 use image::RgbImage;
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Ray-traced frame and its standard error.
 #[derive(Clone, Debug, PartialEq)]
@@ -44,7 +45,7 @@ impl Truth {
 
 /// Traces a frame with `samples` camera rays per pixel (rounded up to a multiple of 2), jittered
 /// over the pixel, with one light sample each. Without light (`lit` false) it shows albedo and
-/// emission, as a capture without light does. The rest of a cancelled frame is black.
+/// emission, as a capture without light does. A cancelled frame is black.
 pub fn render(
     tracer: &Tracer,
     lighting: &Lighting,
@@ -53,58 +54,126 @@ pub fn render(
     samples: u32,
     progress: &dyn Progress,
 ) -> Truth {
-    let width = camera.width();
-    let height = camera.height();
-    let half = samples.div_ceil(2).max(1);
-    progress.begin("truth", "rows", u64::from(height));
-    let row = |y: u32| {
+    let mut sum = TruthSum::new(camera);
+    sum.add(tracer, lighting, lit, samples, progress);
+    sum.truth(lighting)
+}
+
+/// Sum of the samples of a frame traced in rounds. The result depends on the number of samples, not
+/// on the rounds.
+#[derive(Clone, Debug)]
+pub struct TruthSum {
+    camera: Camera,
+    /// Row by row from the top.
+    pixels: Vec<PixelSum>,
+    /// Camera rays per pixel in each half.
+    half: u32,
+}
+
+/// Sums of linear radiance of the two independent halves of a pixel's samples, and their hits.
+#[derive(Clone, Copy, Debug, Default)]
+struct PixelSum {
+    halves: [Vec3; 2],
+    hits: u32,
+}
+
+impl TruthSum {
+    /// First index of the samples of each half.
+    const FIRST: [u32; 2] = [0, 1 << 24];
+
+    /// Creates a sum without samples.
+    pub fn new(camera: &Camera) -> Self {
+        let pixels = camera.width() as usize * camera.height() as usize;
+        Self {
+            camera: *camera,
+            pixels: vec![PixelSum::default(); pixels],
+            half: 0,
+        }
+    }
+
+    /// Returns the number of camera rays per pixel.
+    pub fn samples(&self) -> u32 {
+        2 * self.half
+    }
+
+    /// Traces `samples` more camera rays per pixel (rounded up to a multiple of 2). Returns false,
+    /// without adding any, if the work is cancelled.
+    pub fn add(
+        &mut self,
+        tracer: &Tracer,
+        lighting: &Lighting,
+        lit: bool,
+        samples: u32,
+        progress: &dyn Progress,
+    ) -> bool {
+        let (width, height) = (self.camera.width(), self.camera.height());
+        let more = samples.div_ceil(2).max(1);
+        progress.begin("truth", "rows", u64::from(height));
+        let trace_row = |(y, row): (usize, &[PixelSum])| {
+            let mut row = row.to_vec();
+            if progress.is_cancelled() {
+                return row;
+            }
+            for (x, sum) in (0..width).zip(&mut row) {
+                let pixel = PixelTracer {
+                    tracer,
+                    lighting,
+                    lit,
+                    camera: &self.camera,
+                    x,
+                    y: y as u32,
+                };
+                for (first, half) in Self::FIRST.into_iter().zip(&mut sum.halves) {
+                    sum.hits += pixel.add(half, first, self.half..self.half + more);
+                }
+            }
+            progress.advance(1);
+            row
+        };
+        let rows = self.pixels.par_chunks(width.max(1) as usize).enumerate();
+        let rows: Vec<Vec<PixelSum>> = rows.map(trace_row).collect();
         if progress.is_cancelled() {
-            return vec![TracedPixel::BLACK; width as usize];
+            return false;
         }
-        let mut pixels = Vec::with_capacity(width as usize);
-        for x in 0..width {
-            let pixel = PixelTracer {
-                tracer,
-                lighting,
-                lit,
-                camera,
-                x,
-                y,
-            };
-            let [(first, hits), (second, more_hits)] =
-                [0, half].map(|first| pixel.radiance(first, half));
-            let halves = [first, second].map(|half| lighting.stored(half));
-            let mean = (first + second) / 2.0;
-            let [r, g, b] = lighting.stored(mean);
-            let coverage = hit_coverage(hits + more_hits, 2 * half);
-            pixels.push(TracedPixel {
-                radiance: mean.to_array(),
-                color: [r, g, b, 255],
-                halves,
-                coverage,
-            });
+        self.pixels = rows.concat();
+        self.half += more;
+        true
+    }
+
+    /// Returns the frame of the samples so far, black without any.
+    pub fn truth(&self, lighting: &Lighting) -> Truth {
+        let count = self.half.max(1) as f32;
+        let means = |sum: &PixelSum| sum.halves.map(|half| half / count);
+        let mean = |sum: &PixelSum| {
+            let [first, second] = means(sum);
+            (first + second) / 2.0
+        };
+        let color = |sum: &PixelSum| {
+            let [r, g, b] = lighting.stored(mean(sum));
+            [r, g, b, 255]
+        };
+        let frame = Frame {
+            width: self.camera.width(),
+            height: self.camera.height(),
+            color: self.pixels.iter().map(color).collect(),
+            coverage: self
+                .pixels
+                .iter()
+                .map(|sum| hit_coverage(sum.hits, self.samples()))
+                .collect(),
+            depth_m: Vec::new(),
+        };
+        let half = |half: usize| {
+            let level = |sum: &PixelSum| lighting.stored(means(sum)[half]);
+            self.pixels.iter().map(level).collect()
+        };
+        let halves = [0, 1].map(half);
+        Truth {
+            frame,
+            radiance: self.pixels.iter().map(|sum| mean(sum).to_array()).collect(),
+            standard_error_psnr_db: standard_error_psnr_db(&halves),
+            halves,
         }
-        progress.advance(1);
-        pixels
-    };
-    let rows: Vec<Vec<TracedPixel>> = (0..height).into_par_iter().map(row).collect();
-    let pixels = || rows.iter().flatten();
-    let (color, coverage) = pixels().map(|pixel| (pixel.color, pixel.coverage)).unzip();
-    let frame = Frame {
-        width,
-        height,
-        color,
-        coverage,
-        depth_m: Vec::new(),
-    };
-    let radiance = pixels().map(|pixel| pixel.radiance).collect();
-    let halves = [0, 1].map(|half| pixels().map(|pixel| pixel.halves[half]).collect());
-    let standard_error_psnr_db = standard_error_psnr_db(&halves);
-    Truth {
-        frame,
-        radiance,
-        halves,
-        standard_error_psnr_db,
     }
 }
 
@@ -117,24 +186,6 @@ fn standard_error_psnr_db([first, second]: &[Vec<[u8; 3]>; 2]) -> f64 {
         .sum();
     let mean_square = squared_error / (3 * first.len()) as f64;
     10.0 * (255.0f64.powi(2) / mean_square).log10()
-}
-
-#[derive(Clone, Copy)]
-struct TracedPixel {
-    radiance: [f32; 3],
-    color: [u8; 4],
-    halves: [[u8; 3]; 2],
-    coverage: Coverage,
-}
-
-impl TracedPixel {
-    /// Pixel of a cancelled row.
-    const BLACK: Self = Self {
-        radiance: [0.0; 3],
-        color: [0, 0, 0, 255],
-        halves: [[0; 3]; 2],
-        coverage: Coverage::ENVIRONMENT,
-    };
 }
 
 /// Returns the camera ray through a point of the image, pixels.
@@ -187,22 +238,21 @@ struct PixelTracer<'a> {
 }
 
 impl PixelTracer<'_> {
-    /// Returns the mean linear radiance of samples `first..first + count` and the number of hits.
-    fn radiance(&self, first: u32, count: u32) -> (Vec3, u32) {
-        let mut sum = Vec3::ZERO;
+    /// Adds the linear radiance of some samples to `sum` and returns the number of hits. The samples
+    /// are counted from `first`, which selects their sequence.
+    fn add(&self, sum: &mut Vec3, first: u32, samples: Range<u32>) -> u32 {
         let mut surfaces = 0;
-        let end = first + count;
-        for start in (first..end).step_by(PACKET) {
-            let numbers = start..end.min(start + PACKET as u32);
-            let rays: Vec<Ray> = numbers.clone().map(|index| self.ray(index)).collect();
+        for start in samples.clone().step_by(PACKET) {
+            let numbers = start..samples.end.min(start + PACKET as u32);
+            let rays: Vec<Ray> = numbers.clone().map(|i| self.ray(first + i)).collect();
             let hits = self.tracer.closest_packet(&RayPacket::from_rays(&rays));
-            for (lane, index) in numbers.enumerate() {
+            for (lane, number) in numbers.enumerate() {
                 let hit = hits.hit(lane);
                 surfaces += u32::from(hit.is_some());
-                sum += self.ray_radiance(&rays[lane], hit.as_ref(), first, index);
+                *sum += self.ray_radiance(&rays[lane], hit.as_ref(), first, number);
             }
         }
-        (sum / count as f32, surfaces)
+        surfaces
     }
 
     /// Returns the camera ray of sample `index`.
@@ -216,15 +266,38 @@ impl PixelTracer<'_> {
         )
     }
 
-    /// Returns the radiance along a ray. The samples from index `first` on form a stratified
-    /// sequence of their own, independent of those before.
+    /// Returns the radiance along a ray, for sample `index` of the stratified sequence `first`, which
+    /// is independent of others.
     fn ray_radiance(&self, ray: &Ray, hit: Option<&Hit>, first: u32, index: u32) -> Vec3 {
         let [stream, ..] = random4([self.x, self.y, 0x11d1, first]);
-        let sample = LightSample {
-            stream,
-            index: index - first,
-        };
+        let sample = LightSample { stream, index };
         self.lighting
             .seen(self.tracer, ray, hit, self.lit.then_some(&sample))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::light::tests::random_triangles;
+    use glam::DVec3;
+    use headbox_core::progress::Silent;
+
+    #[test]
+    fn rounds_do_not_change_the_frame() {
+        let tracer = random_triangles();
+        let lighting = Lighting::measure_at(&tracer, DVec3::ZERO, 2);
+        let camera = Camera::look_at(DVec3::ZERO, DVec3::X, DVec3::Y, 60.0, [9, 7]).expect("valid");
+        let whole = render(&tracer, &lighting, true, &camera, 24, &Silent);
+        let mut rounds = TruthSum::new(&camera);
+        for samples in [2, 2, 4, 16] {
+            assert!(rounds.add(&tracer, &lighting, true, samples, &Silent));
+        }
+        assert_eq!(rounds.samples(), 24);
+        assert_eq!(rounds.truth(&lighting), whole);
+        assert_eq!(
+            TruthSum::new(&camera).truth(&lighting).frame.color[5],
+            [0, 0, 0, 255]
+        );
     }
 }

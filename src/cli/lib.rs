@@ -77,7 +77,8 @@ enum Command {
     /// Measure a walk through a .house file (to just walk, use view): time and error of every way
     /// to draw it, against truth and primary rays
     Walk(commands::walk::WalkCommand),
-    /// Ray-trace a reference frame of a scene
+    /// Ray-trace a reference frame of a scene, or of the scene, light, exposure and camera of an
+    /// .ldi file
     Truth(commands::truth::TruthCommand),
     /// Compare two images: FLIP, PSNR, SSIM
     Compare(commands::compare::CompareCommand),

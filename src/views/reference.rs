@@ -4,6 +4,8 @@ use headbox_core::camera::Camera;
 use headbox_core::progress::Progress;
 use headbox_core::task::{Shared, Task, low_priority_pool};
 use headbox_core::view::Ongoing;
+use headbox_cube::model::info::CaptureInfo;
+use headbox_ldi::scene_source::SceneSource;
 use headbox_trace::bvh::Tracer;
 use headbox_trace::light::Lighting;
 use headbox_trace::truth;
@@ -33,6 +35,33 @@ pub struct LitScene {
 }
 
 impl LitScene {
+    /// Opens the scene that a cube LDI names, in the light and under the exposure of its capture,
+    /// without path guiding.
+    ///
+    /// # Errors
+    /// One sentence, if the scene cannot be opened.
+    pub fn reopen(info: &CaptureInfo) -> Result<Self, String> {
+        let source = SceneSource::in_frame(&info.scene, info.frame).lit_by(info.light.clone());
+        let scene = source
+            .open()
+            .map_err(|error| format!("Truth needs the scene that was captured: {error}."))?;
+        let tracer = Arc::new(Tracer::new(Arc::new(scene), info.centre));
+        let lit = info.parameters.light_samples > 0;
+        let bounces = info.parameters.bounces;
+        let mut lighting = if lit {
+            Lighting::measure_at(&tracer, info.centre, bounces)
+        } else {
+            Lighting::unmetered(&tracer, bounces)
+        };
+        lighting.exposure = info.exposure;
+        Ok(Self {
+            tracer,
+            lighting: Arc::new(lighting),
+            lit,
+            guided: false,
+        })
+    }
+
     /// Learns path guiding, if the scene is lit and it was not learnt before.
     pub fn guide(&mut self) {
         if self.lit && !self.guided {

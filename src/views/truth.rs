@@ -13,12 +13,8 @@ use headbox_core::view::{
     Control, Figure, FrameRequest, OVERLAY, Ongoing, Origin, Refinement, Rendered, Setting,
     StartView, Statistics, Swatch, View,
 };
-use headbox_cube::model::info::CaptureInfo;
 use headbox_cube::pack::CubeLdi;
 use headbox_cube::view::CubeView;
-use headbox_ldi::scene_source::SceneSource;
-use headbox_trace::bvh::Tracer;
-use headbox_trace::light::Lighting;
 use image::{Rgb, RgbImage};
 use std::sync::Arc;
 use std::time::Duration;
@@ -68,7 +64,7 @@ impl TruthView {
     pub fn new(cube: impl Into<Arc<CubeLdi>>) -> Self {
         let cube = cube.into();
         let info = cube.info.clone();
-        Self::with_scene(cube, Arc::new(move || reopen(&info)))
+        Self::with_scene(cube, Arc::new(move || LitScene::reopen(&info)))
     }
 
     /// Creates a view of `cube`, with truth from a scene that `scene` opens on first use.
@@ -134,29 +130,6 @@ impl TruthView {
         let figures = compare(overlay, &traced, &mut self.painted)?;
         Ok((figures, refinement))
     }
-}
-
-/// Opens the scene that an LDI names, in the light of its capture, without a learnt light guide.
-fn reopen(info: &CaptureInfo) -> Result<LitScene, String> {
-    let source = SceneSource::in_frame(&info.scene, info.frame).lit_by(info.light.clone());
-    let scene = source
-        .open()
-        .map_err(|error| format!("Truth needs the scene that was captured: {error}."))?;
-    let tracer = Arc::new(Tracer::new(Arc::new(scene), info.centre));
-    let lit = info.parameters.light_samples > 0;
-    let bounces = info.parameters.bounces;
-    let mut lighting = if lit {
-        Lighting::measure_at(&tracer, info.centre, bounces)
-    } else {
-        Lighting::unmetered(&tracer, bounces)
-    };
-    lighting.exposure = info.exposure;
-    Ok(LitScene {
-        tracer,
-        lighting: Arc::new(lighting),
-        lit,
-        guided: false,
-    })
 }
 
 impl View for TruthView {

@@ -258,13 +258,13 @@ fn truth_reports_its_noise() {
     };
     let noisy = truth(&["--samples", "1"]);
     assert!(
-        noisy.contains("dB (PSNR): what is compared with it is at most so good"),
+        noisy.contains("dB (PSNR); comparisons cannot exceed it"),
         "{noisy}"
     );
     // An image of only the sky has no noise.
     let clean = truth(&["--samples", "4", "--eye", "0,50,0", "--look-at", "0,100,1"]);
     assert!(
-        clean.contains("(PSNR)") && !clean.contains("compared"),
+        clean.contains("(PSNR)") && !clean.contains("comparisons"),
         "{clean}"
     );
 }

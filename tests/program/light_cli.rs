@@ -394,3 +394,42 @@ fn a_house_keeps_the_sky_that_lights_it() {
     let [red, _, blue] = render("b.house", "b.png");
     assert!(red <= blue, "the builtin sky is blue: {red}, {blue}");
 }
+
+#[test]
+fn truth_of_ldi_has_its_light_exposure_and_camera() {
+    let dir = tempfile::tempdir().unwrap();
+    capture(
+        dir.path(),
+        &["-o", "a.ldi", "--sun", "100,40", "--exposure", "auto+1"],
+    );
+    let size = ["--size", "64x48"];
+    succeeds(
+        dir.path(),
+        &[&["render", "a.ldi", "-o", "frame.png"], size.as_slice()].concat(),
+    );
+    let truth = |more: &[&str]| {
+        let usual = ["truth", "a.ldi", "-o", "truth.png", "--json"];
+        json(dir.path(), &[&usual, size.as_slice(), more].concat())
+    };
+    assert_eq!(truth(&["--samples", "64"])["samples"], 64);
+    let comparison = json(dir.path(), &["compare", "frame.png", "truth.png", "--json"]);
+    let psnr_db = comparison["psnr_db"].as_f64().unwrap();
+    // A capture of few rays; one stop of exposure or another sun would cost far more.
+    assert!(psnr_db > 22.0, "{psnr_db}");
+    let noisy = truth(&["--noise", "25"]);
+    assert!(
+        noisy["standard_error_psnr_db"].as_f64().unwrap() >= 25.0,
+        "{noisy}"
+    );
+    assert!(noisy["samples"].as_u64().unwrap() < 4096, "{noisy}");
+    assert!(truth(&["--time", "1"])["samples"].as_u64().unwrap() >= 2);
+    let message = refused(
+        dir.path(),
+        2,
+        &["truth", "a.ldi", "-o", "x.png", "--sun", "off"],
+    );
+    assert!(
+        message.contains("--sun has no meaning for a cube LDI"),
+        "{message}"
+    );
+}

@@ -19,7 +19,7 @@ mod sharp;
 mod sky;
 mod square;
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;
 
 pub use arrival::Arrival;
 

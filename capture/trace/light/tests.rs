@@ -7,7 +7,7 @@ use headbox_scene::scene::{Scene, Triangle};
 use std::sync::Arc;
 
 /// Returns random triangles, some of them lamps, under sun and sky.
-fn tracer() -> Tracer {
+pub(crate) fn random_triangles() -> Tracer {
     let material = |emission: f32| Material {
         emission: [emission; 3],
         ..Material::default()
@@ -78,7 +78,7 @@ fn requests(tracer: &Tracer) -> Vec<(LitPoint, LightSample)> {
 
 #[test]
 fn split_sample_sums_to_whole() {
-    let tracer = tracer();
+    let tracer = random_triangles();
     for bounces in [0, 1, 5] {
         let lighting = Lighting::unmetered(&tracer, bounces).guided(&tracer);
         let mut arrived = 0;
@@ -150,7 +150,7 @@ fn unlit_exposure_is_specified_stops() {
     let exposure = |lit: bool, specified: &str| {
         let scene = Scene {
             exposure: specified.parse().expect("an exposure"),
-            ..Scene::clone(tracer().scene())
+            ..Scene::clone(random_triangles().scene())
         };
         let tracer = Tracer::new(Arc::new(scene), DVec3::ZERO);
         Lighting::prepare(&tracer, DVec3::ZERO, 0, lit).exposure
@@ -173,7 +173,7 @@ fn unlit_exposure_is_specified_stops() {
 
 #[test]
 fn packet_sunlight_matches_single_rays() {
-    let tracer = tracer();
+    let tracer = random_triangles();
     let lighting = Lighting::unmetered(&tracer, 0);
     let requests = requests(&tracer);
     let light = lighting.sharp_radiosities(&tracer, &requests);

@@ -1,23 +1,28 @@
 //! `headbox truth`.
 
-use crate::args::{CameraArgs, SceneArgs, parse_sides};
+use crate::args::{CameraArgs, DefaultCamera, SceneArgs, parse_sides, refuse_given};
 use crate::commands::render::radiance::{is_radiance, save_radiance};
+use crate::interrupt;
 use crate::messages::UsageError;
 use crate::output::{FRAME, Outputs, output_name, peak_rss_mb, print_json, save_picture};
-use crate::progress::Bar;
+use crate::progress::{Bar, duration};
+use anyhow::anyhow;
 use clap::Args;
 use glam::DVec3;
 use headbox_core::camera::Camera;
+use headbox_core::container::{Container, FileKind};
 use headbox_core::progress::Progress;
 use headbox_cube::model::parameters::CaptureParameters;
+use headbox_cube::pack::CubeLdi;
 use headbox_images::SetWriter;
 use headbox_images::traced_view;
 use headbox_trace::bvh::Tracer;
 use headbox_trace::light::Lighting;
-use headbox_trace::truth;
+use headbox_trace::truth::TruthSum;
 use headbox_trace::viewpoint;
+use headbox_views::{LitScene, TruthView};
 use serde_json::json;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -25,23 +30,28 @@ use std::time::Instant;
 pub(crate) struct TruthCommand {
     #[command(flatten)]
     scene: SceneArgs,
-    /// Picture to write: .png, .jpg, .webp, .tif, .bmp or .tga, or linear radiance, .exr; `-` for
+    /// Image to write: .png, .jpg, .webp, .tif, .bmp or .tga, or linear radiance, .exr; `-` for
     /// standard output (PNG); with --images a folder
     #[arg(short, long)]
     output: PathBuf,
-    /// Instead of one picture, a folder of so many with their depth, an image set for capture,
-    /// render, view and report: from a wall of cameras across the headbox, all of which look as the
-    /// camera does
+    /// Write a folder of images with depth instead, an image set for capture, render, view and
+    /// report: from a grid of cameras across the headbox that look in the direction of the camera
     #[arg(long, value_name = "COLUMNSxROWS", value_parser = parse_wall)]
     images: Option<(u32, u32)>,
     #[command(flatten)]
     camera: CameraArgs,
-    /// Diffuse bounces of light beyond direct light; as in the capture to compare with
-    #[arg(long, value_name = "B", default_value_t = CaptureParameters::FULL_BOUNCES, value_parser = clap::value_parser!(u32).range(0..=64))]
-    bounces: u32,
-    /// Rays per pixel
-    #[arg(long, value_name = "N", default_value_t = 256, value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
-    samples: u32,
+    /// Diffuse bounces of light beyond direct light; 64, practically all, by default
+    #[arg(long, value_name = "B", value_parser = clap::value_parser!(u32).range(0..=64))]
+    bounces: Option<u32>,
+    /// Maximum number of rays per pixel; 256 by default, without limit with --noise or --time
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_SAMPLES)))]
+    samples: Option<u32>,
+    /// Stop once the standard error is this small, dB (PSNR); 40 is hardly visible
+    #[arg(long, value_name = "DB", value_parser = parse_noise, conflicts_with = "images")]
+    noise: Option<f64>,
+    /// Stop after this time, seconds
+    #[arg(long, value_name = "S", value_parser = parse_seconds, conflicts_with = "images")]
+    time: Option<f64>,
     /// Show albedo and emission without light, as `capture --light-samples 0` does
     #[arg(long)]
     unlit: bool,
@@ -50,35 +60,45 @@ pub(crate) struct TruthCommand {
     json: bool,
 }
 
+/// Maximum number of rays per pixel.
+const MAX_SAMPLES: u32 = 1 << 20;
+
+/// Rays per pixel if nothing is specified.
+const DEFAULT_SAMPLES: u32 = 256;
+
+/// A lit scene and the camera that looks at it.
+struct Subject {
+    camera: Camera,
+    scene: LitScene,
+    /// Half-size of the headbox, metres.
+    half_size_m: f64,
+}
+
 impl TruthCommand {
     pub(crate) fn run(&self) -> anyhow::Result<()> {
-        let source = self.scene.source();
-        let outputs = Outputs::new(self.json, [&source.name]);
+        let outputs = Outputs::new(self.json, [self.scene.name()]);
         let outputs = match self.images {
             Some(_) => outputs.folder(&self.output)?,
             None => outputs.file(&self.output, &FRAME)?,
         };
-        let scene = Arc::new(source.open()?);
-        outputs.add_scene(&scene)?;
-        let (camera, tracer) = self.camera.aim(&scene)?;
         let start = Instant::now();
-        let place = metering_place(&tracer, camera.eye());
-        let lighting = Lighting::prepare(&tracer, place, self.bounces, !self.unlit);
-        let bar = Bar::new();
+        let Subject {
+            camera,
+            scene,
+            half_size_m,
+        } = if self.is_ldi() {
+            self.open_ldi(&outputs)?
+        } else {
+            self.open_scene(&outputs)?
+        };
         if let Some(wall) = self.images {
-            let half_size_m = viewpoint::place_headbox(&scene, None, None)
-                .map_or(0.0, |headbox| headbox.half_size_m);
-            let views =
-                self.write_images(wall, half_size_m, &camera, (&tracer, &lighting), &bar)?;
-            self.print_result(
-                start,
-                &format!("{views} images with depth"),
-                json!({ "images": views }),
-            );
+            let views = self.write_images(wall, half_size_m, &camera, &scene)?;
+            let json = json!({ "images": views, "samples": self.samples() });
+            self.print_result(start, &format!("{views} images with depth"), json);
             return Ok(());
         }
-        let truth = truth::render(&tracer, &lighting, !self.unlit, &camera, self.samples, &bar);
-        bar.finish();
+        let sum = self.trace(&camera, &scene, start);
+        let truth = sum.truth(&scene.lighting);
         if is_radiance(&self.output) {
             let size = (truth.frame.width, truth.frame.height);
             save_radiance(&self.output, size, &truth.radiance)?;
@@ -89,17 +109,133 @@ impl TruthCommand {
         let known = error_db.is_finite().then_some(error_db);
         self.print_result(
             start,
-            &describe_noise(error_db),
-            json!({ "standard_error_psnr_db": known }),
+            &describe_noise(sum.samples(), error_db),
+            json!({ "samples": sum.samples(), "standard_error_psnr_db": known }),
         );
         Ok(())
+    }
+
+    fn is_ldi(&self) -> bool {
+        matches!(Container::peek_kind(Path::new(self.scene.name())), Ok(Some(tag)) if tag == FileKind::CUBE_LDI.tag)
+    }
+
+    /// Reopens the scene of a cube LDI.
+    fn open_ldi(&self, outputs: &Outputs) -> anyhow::Result<Subject> {
+        let own_flags = [
+            ("--bounces", self.bounces.is_some()),
+            ("--unlit", self.unlit),
+        ];
+        let flags = self.scene.source.given_flags().into_iter();
+        refuse_given("a cube LDI, which has its own", flags.chain(own_flags))?;
+        let cube = CubeLdi::read(Path::new(self.scene.name()))?;
+        let info = cube.info.clone();
+        let mut scene = LitScene::reopen(&info).map_err(|error| anyhow!(error))?;
+        outputs.add_scene(scene.tracer.scene())?;
+        scene.guide();
+        let default = DefaultCamera::from_view(&TruthView::new(cube), None);
+        Ok(Subject {
+            camera: self.camera.camera(&info.frame, &default)?,
+            scene,
+            half_size_m: info.half_size_m,
+        })
+    }
+
+    fn open_scene(&self, outputs: &Outputs) -> anyhow::Result<Subject> {
+        let scene = Arc::new(self.scene.source().open()?);
+        outputs.add_scene(&scene)?;
+        let (camera, tracer) = self.camera.aim(&scene)?;
+        let place = metering_place(&tracer, camera.eye());
+        let bounces = self.bounces.unwrap_or(CaptureParameters::FULL_BOUNCES);
+        let lighting = Lighting::prepare(&tracer, place, bounces, !self.unlit);
+        let half_size_m = match self.images {
+            Some(_) => viewpoint::place_headbox(&scene, None, None)
+                .map_or(0.0, |headbox| headbox.half_size_m),
+            None => 0.0,
+        };
+        Ok(Subject {
+            camera,
+            scene: LitScene {
+                tracer: Arc::new(tracer),
+                lighting: Arc::new(lighting),
+                lit: !self.unlit,
+                guided: !self.unlit,
+            },
+            half_size_m,
+        })
+    }
+
+    /// Returns the maximum number of rays per pixel.
+    fn samples(&self) -> u32 {
+        let is_limited = self.noise.is_some() || self.time.is_some();
+        let default = if is_limited {
+            MAX_SAMPLES
+        } else {
+            DEFAULT_SAMPLES
+        };
+        self.samples.unwrap_or(default)
+    }
+
+    /// Traces a frame in rounds until it has its rays, its noise or its time, or is interrupted.
+    /// Announces the time after the first round.
+    fn trace(&self, camera: &Camera, scene: &LitScene, start: Instant) -> TruthSum {
+        /// Maximum number of rays per pixel of a round.
+        const ROUND: u32 = 16;
+        /// Time that is not worth announcing, seconds.
+        const SHORT_S: f64 = 5.0;
+        interrupt::keep_partial_results();
+        let LitScene {
+            tracer,
+            lighting,
+            lit,
+            ..
+        } = scene;
+        let samples = self.samples();
+        let rows = u64::from(camera.height());
+        let bar = Bar::new();
+        bar.begin("tracing", "rows", rows * u64::from(samples));
+        let mut sum = TruthSum::new(camera);
+        let rays_start = Instant::now();
+        while sum.samples() < samples {
+            let round = sum.samples().clamp(2, ROUND).min(samples - sum.samples());
+            let progress = RoundProgress { bar: &bar, round };
+            if !sum.add(tracer, lighting, *lit, round, &progress) {
+                break;
+            }
+            let round_s = rays_start.elapsed().as_secs_f64() / f64::from(sum.samples());
+            let all_s = round_s * f64::from(samples);
+            if sum.samples() == round
+                && self.noise.is_none()
+                && self.time.is_none()
+                && all_s > SHORT_S
+            {
+                eprintln!(
+                    "note: {samples} rays per pixel take about {}",
+                    duration(all_s)
+                );
+            }
+            let next_s = round_s * f64::from(sum.samples().min(ROUND));
+            let is_late = self
+                .time
+                .is_some_and(|time| start.elapsed().as_secs_f64() + next_s > time);
+            let is_clean = self
+                .noise
+                .is_some_and(|db| sum.truth(lighting).standard_error_psnr_db >= db);
+            if is_late || is_clean {
+                break;
+            }
+        }
+        bar.finish();
+        if sum.samples() == 0 {
+            interrupt::exit();
+        }
+        sum
     }
 
     /// Prints the description of the output, or its JSON object.
     fn print_result(&self, start: Instant, description: &str, json: serde_json::Value) {
         let seconds = start.elapsed().as_secs_f64();
         if self.json {
-            let mut all = json!({ "seconds": seconds, "samples": self.samples, "peak_rss_mb": peak_rss_mb() });
+            let mut all = json!({ "seconds": seconds, "peak_rss_mb": peak_rss_mb() });
             if let (Some(all), serde_json::Value::Object(json)) = (all.as_object_mut(), json) {
                 all.extend(json);
             }
@@ -119,8 +255,7 @@ impl TruthCommand {
         (columns, rows): (u32, u32),
         half_size_m: f64,
         camera: &Camera,
-        (tracer, lighting): (&Tracer, &Lighting),
-        bar: &Bar,
+        scene: &LitScene,
     ) -> anyhow::Result<u32> {
         /// Maximum offset of a camera, in half-sizes of the headbox: nothing is visible from its
         /// faces.
@@ -132,12 +267,13 @@ impl TruthCommand {
             _ => (2.0 * f64::from(index) / f64::from(count - 1) - 1.0) * MAX_OFFSET * half_size_m,
         };
         let images = columns * rows;
+        let bar = Bar::new();
         bar.begin(
             "tracing",
             "rows",
             u64::from(images) * u64::from(camera.height()),
         );
-        let progress = SingleStage(bar);
+        let progress = SingleStage(&bar);
         for number in 0..images {
             let (column, row) = (number % columns, number / columns);
             let eye = camera.eye() + rotation.x_axis * offset(column, columns)
@@ -151,11 +287,11 @@ impl TruthCommand {
             )
             .map_err(|error| UsageError(error.to_string()))?;
             let view = traced_view::trace(
-                tracer,
-                lighting,
-                !self.unlit,
+                &scene.tracer,
+                &scene.lighting,
+                scene.lit,
                 &moved,
-                self.samples,
+                self.samples(),
                 &progress,
             );
             set.add(number as usize, &view, true)?;
@@ -178,7 +314,7 @@ fn metering_place(tracer: &Tracer, eye: DVec3) -> DVec3 {
     }
 }
 
-/// Progress of many pictures as one stage: ignores the beginning of each.
+/// Progress of many images as one stage: ignores the beginning of each.
 struct SingleStage<'a>(&'a Bar);
 
 impl Progress for SingleStage<'_> {
@@ -193,18 +329,46 @@ impl Progress for SingleStage<'_> {
     }
 }
 
-/// Describes the noise of a picture, with a note if it limits comparisons.
-fn describe_noise(error_db: f64) -> String {
+/// Progress of a round of `round` rays per pixel as part of one stage; an interrupt cancels it.
+struct RoundProgress<'a> {
+    bar: &'a Bar,
+    round: u32,
+}
+
+impl Progress for RoundProgress<'_> {
+    fn begin(&self, _stage: &str, _unit: &str, _total: u64) {}
+
+    fn advance(&self, rows: u64) {
+        self.bar.advance(rows * u64::from(self.round));
+    }
+
+    fn is_cancelled(&self) -> bool {
+        interrupt::is_requested()
+    }
+}
+
+/// Describes the noise of a frame, with a note if it limits comparisons.
+fn describe_noise(samples: u32, error_db: f64) -> String {
     /// PSNR that captures of a lit scene do not reach, dB.
     const AMPLE_DB: f64 = 40.0;
-    let error = format!("standard error {error_db:.1} dB (PSNR)");
+    let error = format!("{samples} rays per pixel, standard error {error_db:.1} dB (PSNR)");
     if error_db < AMPLE_DB {
-        format!(
-            "{error}: what is compared with it is at most so good, however good it is; more --samples lower its noise"
-        )
+        format!("{error}; comparisons cannot exceed it: for less noise give --noise {AMPLE_DB}")
     } else {
         error
     }
+}
+
+/// Parses a standard error, dB.
+fn parse_noise(text: &str) -> Result<f64, String> {
+    let error_db = text.parse().ok().filter(|db| (1.0..=80.0).contains(db));
+    error_db.ok_or_else(|| "give dB from 1 to 80".into())
+}
+
+/// Parses a time, seconds.
+fn parse_seconds(text: &str) -> Result<f64, String> {
+    let time = text.parse().ok().filter(|time| *time > 0.0 && *time <= 1e6);
+    time.ok_or_else(|| "give seconds above 0, up to 1000000".into())
 }
 
 /// Parses numbers of cameras side by side and above each other, `COLUMNSxROWS`.
