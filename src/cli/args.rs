@@ -144,27 +144,27 @@ pub(super) const UNITS: Names<f64> = &[
     ("ft", "", 0.3048),
 ];
 
-/// Light of a scene where it is not the scene's own.
+/// Light that replaces a scene's own.
 #[derive(Args, Clone)]
 pub(super) struct LightArgs {
-    /// Sky: an equirectangular .hdr or .exr picture, its middle north (-Z; +Y where Z points up),
-    /// in place of the scene's sky and sun. A sun that stands in it lights as one
+    /// Equirectangular sky image, .hdr or .exr, that replaces the scene's sky and sun; its centre
+    /// is north (-Z; +Y if Z is up). A sun in the image becomes a light source
     #[arg(long, value_name = "FILE.hdr|.exr")]
     sky: Option<PathBuf>,
-    /// Turn the picture of the sky about the up axis, degrees from north to east
+    /// Rotation of the sky image about the up axis, degrees from north to east, -360 to 360
     #[arg(long, value_name = "DEG", default_value_t = 0.0, requires = "sky", value_parser = parse_angle,
         allow_hyphen_values = true)]
     sky_turn: f64,
-    /// Sun: the direction toward it, X,Y,Z in the file's axes; or azimuth,elevation in degrees,
-    /// from north to east and up from the horizon; or off
+    /// Sun position: the direction toward it, X,Y,Z in the file's axes; or azimuth,elevation in
+    /// degrees, from north to east and up from the horizon; or off
     #[arg(long, value_name = "X,Y,Z|AZ,EL|off", allow_hyphen_values = true)]
     sun: Option<SunPosition>,
-    /// Luminance of the sun's irradiance on what faces it, in the unit of the sky's radiance; the
-    /// default sun brings 3
+    /// Luminance of the sun's irradiance on surfaces that face it, in the unit of the sky's
+    /// radiance, up to 1e9; 3 for the default sun
     #[arg(long, value_name = "E", value_parser = parse_strength)]
     sun_strength: Option<f32>,
-    /// Exposure: auto, stops beyond that such as auto+1, or a number of stops by which linear
-    /// radiance is stored brighter
+    /// Exposure: auto (metered), auto with additional stops such as auto+1, or a number of stops by
+    /// which linear radiance is scaled up before it is stored
     #[arg(long, value_name = "auto|EV", default_value_t = Exposure::default(), allow_hyphen_values = true)]
     exposure: Exposure,
     /// Tone curve: neutral compresses highlights, linear clips them at white, hdr keeps four stops
@@ -210,21 +210,20 @@ fn parse_strength(text: &str) -> Result<f32, String> {
 /// A scene.
 #[derive(Args)]
 pub(super) struct SceneArgs {
-    /// A scene: an .obj, .gltf or .glb file, a home (Home.xml, .sh3d, .toml), or builtin:NAME
+    /// Scene: an .obj, .gltf or .glb file, a home (Home.xml, .sh3d, .toml), or builtin:NAME
     scene: String,
     #[command(flatten)]
     pub(super) source: SourceArgs,
 }
 
-/// Options of reading a scene: axes and unit of its file where they are not the format's default,
-/// and light where it is not its own.
+/// Options for reading a scene: axes and unit that override its file's, and light that replaces its
+/// own.
 #[derive(Args)]
 pub(super) struct SourceArgs {
-    /// Axis that points up in the file, y or z; Y in a glTF, guessed from evidence in an OBJ if
-    /// absent
+    /// Up axis of the file, y or z; Y for glTF and inferred for OBJ by default
     #[arg(long, value_parser = parse_up)]
     up: Option<UpAxis>,
-    /// Unit of lengths in the file; metres in a glTF, guessed from evidence in an OBJ if absent
+    /// Unit of lengths in the file; metres for glTF and inferred for OBJ by default
     #[arg(long, value_parser = by_name(UNITS))]
     unit: Option<f64>,
     #[command(flatten)]
@@ -300,21 +299,22 @@ impl SourceArgs {
 /// A camera.
 #[derive(Args)]
 pub(super) struct CameraArgs {
-    /// Position of the eye; the centre of the headbox, or where sprites were taken from, if absent
+    /// Position of the eye, in the file's axes and unit; the centre of the headbox, or the capture
+    /// position of sprites, by default
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_vector, allow_hyphen_values = true)]
     eye: Option<DVec3>,
-    /// Point to look at; the direction in which there is most to see from the headbox (of a scene,
-    /// from the eye; for sprites, as they were taken) if absent
+    /// Point to look at, in the file's axes and unit; in the direction with the most detail from
+    /// the headbox (for scenes from the eye), or the capture direction of sprites, by default
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_vector, allow_hyphen_values = true)]
     look_at: Option<DVec3>,
-    /// Direction that points up in the image; the file's up axis if absent, or of images what is up
-    /// in them
+    /// Up direction of the frame, in the file's axes; the file's up axis, or the up direction of
+    /// the input images, by default
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_vector, allow_hyphen_values = true)]
     up_vector: Option<DVec3>,
-    /// Vertical field of view, degrees; 60 if absent
+    /// Vertical field of view, degrees; 60, or that of the input's own camera, by default
     #[arg(long, value_name = "DEG")]
     fov: Option<f64>,
-    /// Size of the image, pixels; 1024x768 if absent
+    /// Size of the frame, pixels; 1024x768, or that of the input's own camera, by default
     #[arg(long, value_name = "WxH", value_parser = parse_size)]
     pub(super) size: Option<(u32, u32)>,
 }

@@ -14,10 +14,10 @@ const EXAMPLES: [(&str, &str); 18] = [
     ("scenes", "headbox scenes"),
     (
         "capture",
-        "headbox capture room.obj -o room.ldi --quality draft     see whether the headbox is in the right place\n  \
-         headbox capture room.obj -o room.ldi                     capture it for keeps\n  \
+        "headbox capture room.obj -o room.ldi --quality draft     check the placement of the headbox\n  \
+         headbox capture room.obj -o room.ldi                     capture it at full quality\n  \
          headbox capture builtin:interior -o a.ldi --center 0,1.6,0 --half-size 0.4\n  \
-         headbox capture room.obj -o 1.shard --shard 1/2          one of two parts; see headbox merge",
+         headbox capture room.obj -o 1.shard --shard 1/2          first of two parts; see headbox merge",
     ),
     ("merge", "headbox merge 1.shard 2.shard -o room.ldi"),
     (
@@ -35,30 +35,30 @@ const EXAMPLES: [(&str, &str); 18] = [
     ),
     (
         "house",
-        "headbox house Home.xml --plan home.svg                   what it has, what is wrong with it, its plan\n  \
-         headbox house Home.xml -o home.house --walk walk.json    bake its light, capture what is behind its doors",
+        "headbox house Home.xml --plan home.svg                   list its rooms and errors, draw its plan\n  \
+         headbox house Home.xml -o home.house --walk walk.json    bake its light, capture backdrops of its doors",
     ),
     (
         "images",
-        "headbox images scans/kitchen                             what it holds, and whether poses and depths agree\n  \
-         headbox images photos --align                            where photographs were taken, by COLMAP\n  \
-         headbox images photos --depth                            their depth, kept beside them\n  \
-         headbox images scans/kitchen --depth -o new              as a new set, compared with the depth that is there",
+        "headbox images scans/kitchen                             describe it, check that poses and depths agree\n  \
+         headbox images photos --align                            estimate poses of photographs with COLMAP\n  \
+         headbox images photos --depth                            estimate their depth, stored in the same folder\n  \
+         headbox images scans/kitchen --depth -o new              as a new set, compared with its known depth",
     ),
     ("info", "headbox info room.ldi --check"),
     (
         "render",
         "headbox render room.ldi -o frame.png\n  \
          headbox render room.ldi -o frame.jpg --eye 0.1,1.6,0 --look-at 2,1,0 --size 1920x1080\n  \
-         headbox render scans/kitchen -o frame.png --variant geometry-averaged     a folder of images with depth, without a capture\n  \
-         headbox render home.house --path walk.json -o frames     a frame per pose, and their times\n  \
-         headbox render room.ldi --path walk.json -o walk.mp4 --panorama    a film, here in all directions\n  \
-         headbox render room.ldi -o - | display                   a PNG to another program",
+         headbox render scans/kitchen -o frame.png --variant geometry-averaged     folder of images with depth, without a capture\n  \
+         headbox render home.house --path walk.json -o frames     one frame per pose, and frame times\n  \
+         headbox render room.ldi --path walk.json -o walk.mp4 --panorama    a film, here equirectangular\n  \
+         headbox render room.ldi -o - | display                   pipe a PNG to another program",
     ),
     (
         "export",
-        "headbox export room.ldi -o room.html                     a page to look around in, for any browser\n  \
-         headbox export home.house -o home.html                   a page to walk through\n  \
+        "headbox export room.ldi -o room.html                     offline page to look around in, for any browser\n  \
+         headbox export home.house -o home.html                   offline page to walk through\n  \
          headbox export room.ldi -o room.glb --triangles 100000   for Unity, Unreal, Godot, three.js, Blender\n  \
          headbox export room.ldi -o room.ply                      for viewers and editors of Gaussian splats",
     ),
@@ -79,7 +79,7 @@ const EXAMPLES: [(&str, &str); 18] = [
         "view",
         "headbox view                                             the start page\n  \
          headbox view room.obj                                    capture while looking around\n  \
-         headbox view room.ldi --screenshot window.png            a picture of the window, for scripts",
+         headbox view room.ldi --screenshot window.png            image of the window, for scripts",
     ),
     ("man", "headbox man | man -l -"),
     (
@@ -144,7 +144,7 @@ pub(super) fn arguments(all: impl IntoIterator<Item = OsString>) -> Vec<OsString
 /// `headbox completions`.
 #[derive(Args)]
 pub(super) struct Completions {
-    /// The shell that shall complete
+    /// Shell to complete commands in
     shell: Shell,
 }
 

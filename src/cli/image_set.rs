@@ -19,14 +19,14 @@ pub(super) struct SetArgs {
     /// Follow paths in a manifest that lead out of its folder
     #[arg(long)]
     pub(super) allow_outside: bool,
-    /// Take colours as registered with depth and equally exposed, as the files say, without asking
-    /// the pictures; what these say is kept in the user's cache folder, as samples of their depth
-    /// are, 4 GB at most
+    /// Use colour cameras and exposures exactly as in the files, instead of registering colours
+    /// with depth and equalising exposures by the images; registration and depth samples are cached
+    /// in the user's cache folder, 4 GB at most
     #[arg(long)]
     no_registration: bool,
-    /// Refine poses that are slightly wrong by the depth of neighbours (point-to-plane ICP over the
-    /// whole set), where that brings points that were not used nearer to their surfaces; kept in
-    /// the cache folder likewise
+    /// Refine slightly wrong poses with the depth of neighbouring views (point-to-plane ICP over
+    /// the whole set), if held-out points then lie nearer to their surfaces; cached like the
+    /// registration
     #[arg(long)]
     refine_poses: bool,
 }

@@ -33,12 +33,12 @@ use messages::UsageError;
 use std::ffi::OsString;
 use std::process::ExitCode;
 
-/// Image-based rendering with depth: capture a scene once, look at it from anywhere inside a
+/// Image-based rendering with depth: capture a scene once, then view it from anywhere inside a
 /// headbox.
 #[derive(Parser)]
 #[command(name = "headbox", version, arg_required_else_help = true)]
 struct Cli {
-    /// Threads to use; all cores if absent
+    /// Number of threads, 1 to 1024; all cores by default
     #[arg(long, global = true, value_parser = clap::value_parser!(u16).range(1..=1024))]
     threads: Option<u16>,
     #[command(subcommand)]
@@ -47,49 +47,48 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
-    /// The main job end to end on a built-in scene: capture, render, compare with truth
+    /// Run the whole pipeline on a built-in scene: capture, render, compare with ray-traced truth
     Demo(commands::demo::DemoCommand),
     /// List the built-in scenes, or write one as .obj or .glb
     Scenes(commands::scenes::ScenesCommand),
-    /// Capture a scene into a cube LDI (or one shard of it)
+    /// Capture a scene, a folder of images or a deep EXR as a cube LDI; or one shard of a scene
     Capture(commands::capture::CaptureCommand),
     /// Merge all shards of a capture into a cube LDI
     Merge(commands::merge::MergeCommand),
-    /// Make sprites with depth of a scene, of a sequence of photographs, or of a picture and its
-    /// depth
+    /// Make sprites with depth from a scene, a sequence of photographs, or an image and its depth
     Sprite(Box<commands::sprite::SpriteCommand>),
-    /// Make a lumigraph of a scene, or of pictures from a grid of places: images on a camera plane,
-    /// as few layers as a view needs
+    /// Make a layered lumigraph from a scene or from images of a camera grid: images on a camera
+    /// plane, drawn with only as many layers as a view needs
     Lumigraph(Box<commands::lumigraph::LumigraphCommand>),
-    /// A home to walk through: read its rooms and doors, say what is wrong with them, draw its
-    /// plan, write a .house file
+    /// Read a home of rooms and doors: report errors in it, draw its floor plan, write a .house
+    /// file to walk through
     House(commands::house::HouseCommand),
-    /// What a folder of pictures holds, and whether its poses and depths agree; where photographs
-    /// were taken, and their depth
+    /// Describe a folder of images and check that poses and depths agree; estimate poses and depth
+    /// of photographs
     Images(commands::images::ImagesCommand),
-    /// Show what a file holds; check every promise of its layout
+    /// Describe the content of a file; verify its layout
     Info(commands::info::InfoCommand),
-    /// Render a frame of a cube LDI, of sprites or of both, or a frame per pose of a path
+    /// Render a frame, a frame per pose of a path, or a film: from a cube LDI, sprites, both
+    /// composed, a lumigraph, a house or images
     Render(commands::render::RenderCommand),
-    /// Take a capture to where headbox is not installed: a page to look around in, engines, splat
-    /// viewers
+    /// Export a capture for other programs: HTML page, glTF, PLY, deep or layered EXR
     Export(commands::export::ExportCommand),
-    /// Measure a walk through a .house file (to just walk, use view): time and error of every way
-    /// to draw it, against truth and primary rays
+    /// Measure time and error of every variant along a walk through a .house file, against
+    /// ray-traced truth and primary rays; to walk interactively, use view
     Walk(commands::walk::WalkCommand),
     /// Ray-trace a reference frame of a scene, or of the scene, light, exposure and camera of an
     /// .ldi file
     Truth(commands::truth::TruthCommand),
     /// Compare two images: FLIP, PSNR, SSIM
     Compare(commands::compare::CompareCommand),
-    /// Measure speed against error: rows, charts, sentences
+    /// Measure speed against error: tables, charts and a summary
     Report(commands::report::ReportCommand),
-    /// Look around in a window: in a scene, a cube LDI, sprites or a house
+    /// Open a window to look around in a scene, a cube LDI, sprites, a lumigraph, a house or images
     #[cfg(feature = "viewer")]
     View(commands::view::ViewCommand),
-    /// Print a script by which a shell completes commands
+    /// Print a script that completes commands in a shell
     Completions(help::Completions),
-    /// Print the manual, as roff: headbox man | man -l -
+    /// Print the manual as roff: headbox man | man -l -
     Man,
 }
 

@@ -9,14 +9,14 @@ use headbox_cube::planes::{self, MAX_ERROR_PX};
 /// Options of packing a cube LDI.
 #[derive(Args)]
 pub(super) struct PackingArgs {
-    /// What the splat index holds: the paper's normal and depth, or all bits for the normal
+    /// Content of the 11-bit splat index: the paper's normal and depth, or the normal alone
     #[arg(long, default_value = "normal", value_parser = by_name(LAYOUTS))]
     layout: SplatIndexLayout,
-    /// Near/far split of each face: auto, none, or an eye depth
+    /// Near/far split of each face: auto, none, or an eye depth in the file's unit
     #[arg(long, default_value = "auto", value_parser = parse_split, allow_hyphen_values = true)]
     split: Split,
-    /// Show what is flat as pictures on planes, where nobody in the headbox sees it elsewhere by
-    /// more than E frame pixels; 0 keeps every sample
+    /// Error bound of plane textures, frame pixels, 0 to 1000000: planar surfaces become textures
+    /// if no view inside the headbox displaces them by more than E; 0 keeps every sample
     #[arg(long, value_name = "E", default_value_t = planes::DEFAULT_ERROR_PX, value_parser = parse_error_px, allow_hyphen_values = true)]
     pub(super) error_px: f64,
 }
@@ -24,12 +24,12 @@ pub(super) struct PackingArgs {
 const LAYOUTS: Names<SplatIndexLayout> = &[
     (
         "paper",
-        "3 bits nx, 3 bits ny, 5 bits of depth, quantised exponentially (S20)",
+        "3 bits nx, 3 bits ny, 5 bits of exponentially quantised depth (S20)",
         SplatIndexLayout::Paper,
     ),
     (
         "normal",
-        "All eleven bits for the normal (C10)",
+        "All 11 bits for the normal (C10)",
         SplatIndexLayout::Normal,
     ),
 ];

@@ -9,11 +9,11 @@ use std::path::{Path, PathBuf};
 
 #[derive(Args)]
 pub(crate) struct CompareCommand {
-    /// The reference image
+    /// Reference image
     reference: PathBuf,
-    /// The image to judge, of the same size
+    /// Image to compare with the reference, of the same size
     test: PathBuf,
-    /// Write the FLIP error map as a picture
+    /// Write the FLIP error map to this image
     #[arg(long, value_name = "OUT.png")]
     map: Option<PathBuf>,
     /// Print one JSON object on standard output

@@ -22,9 +22,9 @@ use std::path::PathBuf;
 
 #[derive(Args)]
 pub(crate) struct InfoCommand {
-    /// A .ldi, .sprite, .lumi or .house file, a shard, a deep EXR, or a folder of images
+    /// Input .ldi, .sprite, .lumi or .house file, shard, deep EXR, or folder of images
     file: PathBuf,
-    /// Check every promise of the layout, sample by sample
+    /// Verify the complete layout, of a shard sample by sample, and print ok
     #[arg(long)]
     check: bool,
     /// Print one JSON object on standard output

@@ -23,16 +23,17 @@ pub(crate) struct MergeCommand {
     /// All shards of one capture
     #[arg(required = true)]
     shards: Vec<PathBuf>,
-    /// The .ldi file to write; `-` for standard output
+    /// Output .ldi file; `-` for standard output
     #[arg(short, long)]
     output: PathBuf,
     /// New path of the scene, if it has moved since the shards were captured
     #[arg(long)]
     scene: Option<String>,
-    /// New path of the sky's picture, if it has moved since the shards were captured
+    /// New path of the sky image, if it has moved since the shards were captured
     #[arg(long, value_name = "FILE.hdr|.exr")]
     sky: Option<PathBuf>,
-    /// Memory limit, MiB
+    /// Memory limit, MiB, at least 64; samples beyond it are spilled to a temporary file next to
+    /// the output; unlimited by default
     #[arg(long, value_name = "MB", value_parser = clap::value_parser!(u64).range(64..=1 << 24))]
     memory: Option<u64>,
     #[command(flatten)]

@@ -10,8 +10,8 @@ use std::path::Path;
 
 #[derive(Args)]
 pub(crate) struct ScenesCommand {
-    /// Instead, write the scene NAME to FILE, an .obj (with its .mtl and a .png a texture beside
-    /// it) or a .glb, for other programs: metres, Y up, without sun and sky
+    /// Write scene NAME to FILE for other programs instead of listing the scenes: an .obj, with its
+    /// .mtl and a .png per texture in the same folder, or a .glb; metres, Y up, without sun and sky
     #[arg(long, num_args = 2, value_names = ["NAME", "FILE"])]
     export: Option<Vec<String>>,
 }

@@ -28,16 +28,16 @@ use std::time::{Duration, Instant};
 
 #[derive(Args)]
 pub(crate) struct ViewCommand {
-    /// A .ldi, .sprite, .lumi or .house file, a home (Home.xml, .sh3d, .toml) to walk in, a folder
-    /// of images, or a scene (.obj, .gltf, .glb, builtin:NAME) to capture while looking around; the
-    /// start page if absent
+    /// Input: a .ldi, .sprite, .lumi or .house file, a deep .exr, a home (Home.xml, .sh3d, .toml)
+    /// to walk in, a folder of images, or a scene (.obj, .gltf, .glb, builtin:NAME) to capture
+    /// while looking around; the start page by default
     file: Option<String>,
-    /// Of a folder of images: draw it by view-dependent geometry, such as geometry-averaged,
-    /// instead of a cube LDI
+    /// Folder of images: draw it by view-dependent geometry, such as geometry-averaged, instead of
+    /// a cube LDI
     #[arg(long, value_name = "NAME")]
     variant: Option<String>,
-    /// Of a folder of images with depth: show a cube LDI of the images nearest to the view alone,
-    /// built anew while you move, and move freely; --set images=N takes so many, 3 if absent
+    /// Folder of images with depth: show a cube LDI of only the images nearest to the view, rebuilt
+    /// as the eye moves, anywhere; --set images=N selects their number, 1 to 16, 3 by default
     #[arg(long, conflicts_with = "variant")]
     live: bool,
     #[command(flatten)]
@@ -46,22 +46,22 @@ pub(crate) struct ViewCommand {
     images: SetArgs,
     #[command(flatten)]
     source: SourceArgs,
-    /// Replay this path or camera file
+    /// Path or camera file to replay
     #[arg(long, value_name = "PATH.json")]
     path: Option<PathBuf>,
-    /// Replay every pose once, however long its frame takes, instead of by the path's times
+    /// Replay every pose once, regardless of frame times, instead of by the times of the path
     #[arg(long, requires = "path")]
     every_pose: bool,
-    /// Close the window when the path has ended
+    /// Close the window at the end of the path
     #[arg(long, requires = "path")]
     exit_after_path: bool,
-    /// Close the window after so many frames
+    /// Close the window after N frames
     #[arg(long, value_name = "N", conflicts_with = "exit_after_path")]
     frames: Option<u64>,
-    /// Close the window when the view cannot become better: a capture or an error map is complete
+    /// Close the window when refinement is complete: of a capture or an error map
     #[arg(long, conflicts_with_all = ["exit_after_path", "frames"])]
     when_refined: bool,
-    /// Save a picture of the window here, then close it
+    /// Save an image of the window to this file, then close the window
     #[arg(long, value_name = "OUT.png")]
     screenshot: Option<PathBuf>,
     /// Size of the window, points
@@ -70,39 +70,31 @@ pub(crate) struct ViewCommand {
     /// Set a control of the panel, such as kernel=paper or overlay=error
     #[arg(long, value_name = "ID=VALUE", value_parser = parse_pair)]
     set: Vec<(String, String)>,
-    /// Compare with this other value of a control, left and right of a divider
+    /// Compare with another value of a control, left and right of a divider
     #[arg(long, value_name = "ID=VALUE", value_parser = parse_pair)]
     compare: Vec<(String, String)>,
-    /// Two eyes side by side
+    /// Show both eyes side by side
     #[arg(long, value_parser = by_name(STEREO))]
     stereo: Option<Stereo>,
-    /// Render fewer pixels while the eye moves, if a frame would take longer than so many
-    /// milliseconds; 0 for all pixels always
+    /// Time limit of a frame while the eye moves, milliseconds, 4 to 100, above which fewer pixels
+    /// are rendered; 0 always renders all pixels
     #[arg(long, value_name = "MS", default_value_t = ViewerOptions::MOVING_LIMIT_MS, value_parser = parse_limit)]
     moving_limit: f64,
-    /// Show the frame alone
+    /// Show only the frame, without panels
     #[arg(long)]
     no_panels: bool,
     /// Folder for saved frames, cameras, paths and captures
     #[arg(long, value_name = "DIR", default_value = ".")]
     out: PathBuf,
-    /// Print what was measured as one JSON object on standard output, once the window is closed
+    /// Print measurements as one JSON object on standard output when the window closes
     #[arg(long)]
     json: bool,
 }
 
 /// Arrangements of a stereo pair.
 const STEREO: Names<Stereo> = &[
-    (
-        "cross",
-        "The right eye's view on the left",
-        Stereo::CrossEyed,
-    ),
-    (
-        "parallel",
-        "The left eye's view on the left",
-        Stereo::Parallel,
-    ),
+    ("cross", "Right eye's view on the left", Stereo::CrossEyed),
+    ("parallel", "Left eye's view on the left", Stereo::Parallel),
 ];
 
 fn parse_pair(text: &str) -> Result<(String, String), String> {

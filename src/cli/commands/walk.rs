@@ -15,32 +15,31 @@ use std::path::{Path, PathBuf};
 
 #[derive(Args)]
 pub(crate) struct WalkCommand {
-    /// A .house file
+    /// Input .house file
     file: PathBuf,
-    /// Folder for walk.md, walk.json, a chart of frame times (along_path.svg), and frames beside
+    /// Folder for walk.md, walk.json, a chart of frame times (along_path.svg), and frames next to
     /// truth (frames.html)
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
-    /// Poses of the walk
+    /// Number of poses of the walk, 1 to 100000
     #[arg(long, value_name = "N", default_value_t = PAPER_POSES as u32, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     poses: u32,
-    /// Frame size
+    /// Frame size, pixels
     #[arg(long, value_name = "WxH", default_value = "640x512", value_parser = parse_size)]
     size: (u32, u32),
     /// Seed of the walk
     #[arg(long, value_name = "K", default_value_t = 0)]
     seed: u32,
-    /// Ways to draw it: names with commas between them, or all of them; a wrong name prints the
-    /// list
+    /// Variants to measure, separated by commas; a wrong name prints the list; all by default
     #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
     variants: Vec<String>,
-    /// Compare every so manieth pose with truth
+    /// Compare every N-th pose with truth
     #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..))]
     truth_every: u32,
-    /// Frames of each pose and way, of which the fastest counts
+    /// Number of times to render each pose by each variant, 1 to 1000; the fastest counts
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=1000))]
     repeat: u32,
-    /// Poses of which frames are saved beside truth
+    /// Number of poses whose frames are saved next to truth
     #[arg(long, value_name = "N", default_value_t = 8)]
     pictures: usize,
     /// Print walk.json on standard output

@@ -53,18 +53,21 @@ use std::time::Instant;
 pub(crate) struct CaptureCommand {
     #[command(flatten)]
     scene: SceneArgs,
-    /// The .ldi file to write, or with --shard the .shard file; `-` for standard output
+    /// Output .ldi file, or .shard file with --shard; `-` for standard output
     #[arg(short, long)]
     output: PathBuf,
-    /// Centre of the headbox; in free space if absent
+    /// Centre of the headbox, in the file's axes and unit; the scene's own, or a place in free
+    /// space, by default
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_vector, allow_hyphen_values = true)]
     center: Option<DVec3>,
-    /// Half of the headbox's edge; as large as fits into free space if absent
+    /// Half of the headbox's edge length, in the file's unit; the scene's own, or the largest that
+    /// fits into free space, by default
     #[arg(long, value_name = "LENGTH", value_parser = parse_length, allow_hyphen_values = true)]
     half_size: Option<f64>,
     #[command(flatten)]
     quality: QualityArgs,
-    /// Memory limit, MiB; samples beyond it go to a temporary file beside the output
+    /// Memory limit, MiB, at least 64; samples beyond it are spilled to a temporary file next to
+    /// the output; unlimited by default
     #[arg(long, value_name = "MB", value_parser = clap::value_parser!(u64).range(64..=1 << 24))]
     memory: Option<u64>,
     /// Capture only part I of N (0/4 to 3/4, or 1/4 to 4/4) into a shard file; see `merge`
@@ -74,22 +77,23 @@ pub(crate) struct CaptureCommand {
     packing: PackingArgs,
     #[command(flatten)]
     images: SetArgs,
-    /// Image sets with depth: standard deviation of inverse depth, 1/m [default: by the format]
+    /// Image sets with depth: standard deviation of inverse depth, 1/m; the measured one, or that
+    /// of the format, by default
     #[arg(long, value_name = "X")]
     depth_noise: Option<f32>,
-    /// Photographs without depth: colour agreement threshold for photo-consistency, 0..255, raised
-    /// where no surface agrees [default: 18]
+    /// Photographs without depth: colour agreement threshold for photo-consistency, a standard
+    /// deviation in levels, above 0 up to 255, raised where no surface agrees; 18 by default
     #[arg(long, value_name = "LEVELS", value_parser = parse_agreement)]
     agreement: Option<f32>,
-    /// Photographs without depth: highest level, 0..255, of all channels of a dark backdrop, which
-    /// is no surface; or auto, or none
+    /// Photographs without depth: threshold of a dark background, 0 to 255: pixels with no channel
+    /// above it show no surface; auto detects a background, none keeps all pixels
     #[arg(long, value_name = "LEVEL", default_value = "auto", value_parser = parse_backdrop)]
     backdrop: Backdrop,
-    /// Deep images (.exr) without a camera in the header: vertical field of view in degrees, of a
-    /// camera at --center, or at the origin
+    /// Deep EXRs without a camera in the header: vertical field of view, degrees, of a camera at
+    /// --center, the origin by default
     #[arg(long, value_name = "DEG", allow_hyphen_values = true)]
     fov: Option<f64>,
-    /// Deep images without a camera in the header: target of the camera; along -Z if absent
+    /// Deep EXRs without a camera in the header: target of the camera; a point along -Z by default
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_vector, allow_hyphen_values = true)]
     look_at: Option<DVec3>,
     /// Print one JSON object on standard output

@@ -12,11 +12,12 @@ use headbox_trace::sampler::Strata;
 /// Quality of a capture.
 #[derive(Args)]
 pub(super) struct QualityArgs {
-    /// Preset of faces, strata, rays and light, each overridden by its own flag [default: best]
+    /// Preset of face size, strata, rays and light samples, each overridden by its own flag; best
+    /// by default
     #[arg(long)]
     pub(super) quality: Option<Preset>,
-    /// Pixels along a side of each cube face; or auto, or auto:WIDTHxHEIGHT@DEGREES: as fine as
-    /// such frames (1024x768@60) show to within --error-px, with strata to match
+    /// Face size, pixels, 1 to 8192; or auto:WIDTHxHEIGHT@DEGREES, the size and strata that such
+    /// frames need for an error below --error-px; auto alone is auto:1024x768@60
     #[arg(long, value_name = "PX", default_value_t = FaceSize::Px(CaptureSpec::DEFAULT_FACE_SIZE_PX))]
     pub(super) face_size: FaceSize,
     #[command(flatten)]
@@ -26,38 +27,39 @@ pub(super) struct QualityArgs {
 /// Rays, merging and light of a capture.
 #[derive(Args)]
 pub(super) struct ParameterArgs {
-    /// Strata along each of the four dimensions of rays (N)
+    /// Strata along each of the four dimensions of rays (N), 1 to 128
     #[arg(long, value_name = "N", default_value_t = CaptureParameters::DEFAULT.strata,
         value_parser = clap::value_parser!(u32).range(1..=i64::from(Strata::MAX_PER_DIMENSION)))]
     strata: u32,
-    /// Rays in each stratum (M)
+    /// Rays per stratum (M)
     #[arg(long = "rays", value_name = "M", default_value_t = CaptureParameters::DEFAULT.rays_per_stratum,
         value_parser = clap::value_parser!(u32).range(1..=i64::from(Strata::MAX_RAYS)))]
     rays_per_stratum: u32,
-    /// Diffuse bounces of light beyond direct light
+    /// Diffuse bounces of light after direct light, 0 to 64
     #[arg(long, value_name = "B", default_value_t = CaptureParameters::DEFAULT.bounces,
         value_parser = clap::value_parser!(u32).range(0..=64))]
     bounces: u32,
-    /// Light samples per depth pixel; 0 shows albedo and emission without light
+    /// Light samples per depth pixel, 0 to 65535; 0 stores albedo and emission without lighting
     #[arg(long, value_name = "K", default_value_t = CaptureParameters::DEFAULT.light_samples,
         value_parser = clap::value_parser!(u32).range(0..=65_535))]
     light_samples: u32,
     /// Random seed
     #[arg(long, value_name = "K", default_value_t = CaptureParameters::DEFAULT.seed)]
     seed: u64,
-    /// Trace fewer rays where the next one is new with a probability below X; 0 traces all
+    /// Trace fewer rays where the next one finds a new sample with a probability below X, 0 to 1; 0
+    /// traces all rays
     #[arg(long, value_name = "X", default_value_t = CaptureParameters::DEFAULT.novelty,
         value_parser = parse_probability, allow_hyphen_values = true)]
     novelty: f64,
-    /// Aim rays at holes until the share of frame pixels with holes, plus its standard error, is
-    /// below X (a share, or a percentage such as 0.01%); 1 does not search for holes
+    /// Aim rays at holes until the share of hole pixels in test frames, plus its standard error, is
+    /// below X (0 to 1, or a percentage such as 0.01%); 1 skips the search
     #[arg(long, value_name = "X", default_value_t = CaptureParameters::DEFAULT.holes,
         value_parser = parse_holes, allow_hyphen_values = true)]
     pub(super) holes: f64,
     /// Distribution of the rays
     #[arg(long, default_value = "stratified", value_parser = by_name(SAMPLERS))]
     sampler: Sampler,
-    /// Rule for samples at similar depth
+    /// Rule for merging samples of similar depth in a pixel
     #[arg(long = "merge", default_value = "average", value_parser = by_name(MERGE_RULES))]
     pub(super) merge_rule: MergeRule,
 }
@@ -66,12 +68,12 @@ const SAMPLERS: Names<Sampler> = &[
     ("stratified", "Jittered in 4-D strata", Sampler::Stratified),
     (
         "white-noise",
-        "Independent over the whole domain",
+        "Independent random rays over the whole domain",
         Sampler::WhiteNoise,
     ),
     (
         "centre-rays",
-        "One ray through the centre of each pixel, from the centre of the cube",
+        "One ray from the centre of the cube through the centre of each pixel",
         Sampler::CentreRays,
     ),
 ];
@@ -79,17 +81,17 @@ const SAMPLERS: Names<Sampler> = &[
 const MERGE_RULES: Names<MergeRule> = &[
     (
         "average",
-        "One depth pixel with their mean depth and colour",
+        "One depth pixel with the mean depth and colour",
         MergeRule::Average,
     ),
     (
         "smaller-area",
-        "The surface that was sampled with the smallest area",
+        "Only the surface sampled with the smallest area",
         MergeRule::SmallerArea,
     ),
     (
         "colors-apart",
-        "A depth pixel for each colour",
+        "One depth pixel per colour",
         MergeRule::ColorsApart,
     ),
 ];
@@ -131,11 +133,11 @@ fn parse_holes(text: &str) -> Result<f64, String> {
 /// Quality presets; their numbers are in [`Preset::NUMBERS`].
 #[derive(Clone, Copy, ValueEnum)]
 pub(crate) enum Preset {
-    /// To check the place of the headbox
+    /// Fast preview, to check the placement of the headbox
     Draft,
-    /// To look around
+    /// Medium quality, to look around
     Good,
-    /// The paper's quality, to keep
+    /// Full quality, that of the paper, to keep
     Best,
 }
 

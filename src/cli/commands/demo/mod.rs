@@ -36,13 +36,13 @@ pub(crate) struct DemoCommand {
     /// Folder for the capture, the frames and the contact sheet
     #[arg(long, default_value = "headbox-demo")]
     out: PathBuf,
-    /// Small sizes: done in under a minute
+    /// Use small sizes: less than a minute
     #[arg(long)]
     quick: bool,
     /// Do not open a window at the end
     #[arg(long)]
     no_window: bool,
-    /// A scene other than the tree
+    /// Scene to capture
     #[arg(long, default_value = "builtin:tree")]
     scene: String,
 }

@@ -16,30 +16,28 @@ use std::path::{Path, PathBuf};
 
 #[derive(Args)]
 pub(crate) struct ExportCommand {
-    /// A .ldi, .sprite, .house or .lumi file; the latter two as pages alone
+    /// Input .ldi, .sprite, .house or .lumi file; .house and .lumi only as .html
     file: PathBuf,
-    /// What to write; its ending decides the format: .html, a page to look around in that works
-    /// offline, of a house to walk through; .glb for engines; .ply, flat Gaussians as of 3D
-    /// Gaussian splatting, or plain points with --points; .exr for compositing, deep or with
-    /// --layers flat
+    /// Output file, whose extension selects the format: .html, an offline page to look around in,
+    /// or to walk through a house; .glb for engines; .ply, flat Gaussians of 3D Gaussian splatting,
+    /// or plain points with --points; .exr for compositing, deep or, with --layers, flat
     #[arg(short, long)]
     output: PathBuf,
-    /// What the page is called; the name of the file if absent
+    /// Title of the .html page; the name of the input file by default
     #[arg(long)]
     title: Option<String>,
-    /// The most triangles of a .glb; 200000 if absent
+    /// Maximum number of triangles of a .glb; 200000 by default
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(2..))]
     triangles: Option<u64>,
-    /// Write plain points with normal and colour to a .ply
+    /// Write plain points with normal and colour to a .ply instead of Gaussians
     #[arg(long)]
     points: bool,
-    /// Flat layers of an .exr, each a part, nearest first, instead of deep data; the last holds all
-    /// that lies deeper
+    /// Number of flat layers of an .exr, 1 to 64, instead of deep data: one part per layer, nearest
+    /// first; the last holds everything deeper
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=64))]
     layers: Option<u64>,
-    /// The one face of the cube that an .exr holds, as the picture of a camera of 90 degrees: +X,
-    /// -X, +Y, -Y, +Z or -Z; all six, one above another as OpenEXR's environment maps have them, if
-    /// absent
+    /// Single face of the cube in an .exr, as the image of a camera of 90 degrees: +X, -X, +Y, -Y,
+    /// +Z or -Z; all six, stacked as in OpenEXR environment maps, by default
     #[arg(long, value_name = "FACE", allow_hyphen_values = true, value_parser = parse_face)]
     face: Option<Face>,
     /// Print one JSON object on standard output

@@ -21,25 +21,26 @@ use write::HouseFileArgs;
 
 #[derive(Args)]
 pub(crate) struct HouseCommand {
-    /// A Sweet Home 3D .sh3d, or Home.xml with its OBJ export beside it, a .toml model, or
-    /// builtin:house
+    /// Home or model: a Sweet Home 3D .sh3d, Home.xml with its OBJ export in the same folder, a
+    /// .toml model, or builtin:house
     model: String,
-    /// Draw the plan of each storey; those above the first are numbered: plan.svg, plan_2.svg
+    /// Draw the floor plan of each storey; storeys above the first are numbered: plan.svg,
+    /// plan_2.svg
     #[arg(long, value_name = "PLAN.svg")]
     plan: Option<PathBuf>,
-    /// Height above the floor at which the plan is cut, metres
+    /// Height of the plan's cutting plane above the floor, metres
     #[arg(long, value_name = "M", default_value_t = 1.1)]
     cut: f64,
-    /// Keep the leaves that close doors and windows
+    /// Keep door and window leaves, which close the openings
     #[arg(long)]
     keep_doors: bool,
     /// Maximum number of triangles of builtin:house
     #[arg(long, value_name = "N", default_value_t = headbox_scenes::HOUSE_TRIANGLES)]
     triangles: usize,
-    /// Seed of builtin:house, and of the rays that search for leaks
+    /// Seed of builtin:house and of the rays that search for leaks
     #[arg(long, value_name = "K", default_value_t = 0)]
     seed: u64,
-    /// Rays from each cell that search for leaks
+    /// Number of rays from each cell that search for leaks; 0 skips the search
     #[arg(long, value_name = "N", default_value_t = 500, value_parser = clap::value_parser!(u32).range(0..=1 << 20))]
     rays: u32,
     #[command(flatten)]

@@ -24,11 +24,11 @@ const BUDGET: u64 = 4 << 30;
 
 #[derive(Args)]
 pub(super) struct HouseFileArgs {
-    /// Write the model with the backdrops of its portals to this .house file
+    /// Write the model and the backdrops of its portals to this .house file
     #[arg(short, long, value_name = "F.house")]
     output: Option<PathBuf>,
-    /// Backdrops to capture behind both sides of every portal, or `none`; a wrong name prints the
-    /// list
+    /// Backdrops to capture behind both sides of every portal, separated by commas, or none; a
+    /// wrong name prints the list
     #[arg(
         long,
         value_name = "NAME,...",
@@ -36,20 +36,20 @@ pub(super) struct HouseFileArgs {
         default_value = "window-ldi"
     )]
     backdrops: Vec<String>,
-    /// Keep the model's colours instead of baking its light into the vertices
+    /// Keep the model's colours instead of baking lighting into the vertices
     #[arg(long)]
     unlit: bool,
-    /// Maximum length of edges of the baked model, metres
+    /// Maximum edge length of the baked model, metres, at least 0.01
     #[arg(long, value_name = "M", default_value_t = BakeOptions::default().edge_m)]
     edge: f64,
-    /// Light samples per vertex
+    /// Light samples per vertex, 1 to 4096
     #[arg(long, value_name = "N", default_value_t = BakeOptions::default().samples,
         value_parser = clap::value_parser!(u32).range(1..=4096))]
     light_samples: u32,
-    /// Write a walk through every room to this JSON file
+    /// Write a camera path through every room to this JSON file
     #[arg(long, value_name = "PATH.json")]
     walk: Option<PathBuf>,
-    /// Number of poses of the walk
+    /// Number of poses of the path, 1 to 100000
     #[arg(long, value_name = "N", default_value_t = PAPER_POSES, value_parser = parse_poses)]
     poses: usize,
 }

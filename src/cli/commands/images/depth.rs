@@ -14,16 +14,17 @@ use std::time::Instant;
 
 #[derive(Args, Default)]
 pub(super) struct DepthArgs {
-    /// Find the depth of photographs with known cameras from the photographs themselves, and keep
-    /// it beside them (headbox-depth): capture, render, view and report use it from then on
+    /// Estimate the depth of photographs with known cameras by stereo and store it in their folder
+    /// (headbox-depth), where capture, render, view and report find it
     #[arg(long)]
     depth: bool,
-    /// Instead of beside the pictures, put what --depth finds into this new folder, with the
-    /// pictures and a transforms.json; depth that the set has already is not used then, but
-    /// compared with
+    /// Write images, depth of --depth and a transforms.json to this new folder, instead of storing
+    /// depth with the originals; depth that the set already has is compared with the estimate, not
+    /// used
     #[arg(short, long, value_name = "FOLDER", requires = "depth")]
     output: Option<PathBuf>,
-    /// Halve pictures for --depth until their longer side has at most so many pixels
+    /// Maximum longer side of images for --depth, pixels, 64 to 16384; larger images are halved
+    /// until they fit
     #[arg(long, value_name = "PX", requires = "depth", default_value_t = DenseDepth::default().longest_px,
         value_parser = clap::value_parser!(u32).range(64..=16384))]
     depth_size: u32,

@@ -26,18 +26,18 @@ use std::path::{Path, PathBuf};
 
 #[derive(Args)]
 pub(crate) struct ImagesCommand {
-    /// A folder of pictures with known cameras (Seurat, nerfstudio, COLMAP, RGB-D frames,
-    /// Middlebury, panoramas), or its manifest.json or transforms.json; or a deep EXR
+    /// Folder of images with known cameras (Seurat, nerfstudio, COLMAP, RGB-D frames, Middlebury,
+    /// panoramas), its manifest.json or transforms.json, or a deep EXR
     folder: PathBuf,
-    /// Find out where photographs were taken: runs COLMAP, where it is installed, and puts its
-    /// model beside them as sparse/0
+    /// Estimate the camera poses of photographs with COLMAP, if installed, and store its model in
+    /// their folder as sparse/0
     #[arg(long)]
     align: bool,
     #[command(flatten)]
     depth: DepthArgs,
     #[command(flatten)]
     set: SetArgs,
-    /// Pairs of neighbours whose pictures are compared; 0 for none
+    /// Number of pairs of neighbouring views to compare; 0 skips the comparison
     #[arg(long, value_name = "N", default_value_t = PAIRS)]
     pairs: usize,
     /// Print one JSON object on standard output

@@ -33,12 +33,12 @@ use std::time::Instant;
 
 #[derive(Args)]
 pub(crate) struct LumigraphCommand {
-    /// A scene (an .obj, .gltf or .glb file, a home (Home.xml, .sh3d, .toml), or builtin:NAME), or
-    /// a folder of pictures with known cameras and depth, taken from a grid of places on a plane
+    /// Scene (an .obj, .gltf or .glb file, a home (Home.xml, .sh3d, .toml), or builtin:NAME), or
+    /// folder of images with depth and known cameras in a grid on a plane
     pub(super) scene: String,
     #[command(flatten)]
     pub(super) source: SourceArgs,
-    /// The .lumi file to write; `-` for standard output
+    /// Output .lumi file; `-` for standard output
     #[arg(short, long)]
     pub(super) output: PathBuf,
     #[command(flatten)]
@@ -52,46 +52,46 @@ pub(crate) struct LumigraphCommand {
     pub(super) json: bool,
 }
 
-/// Placement of the cameras that look at a scene.
+/// Placement of the cameras that capture a scene.
 #[derive(Args)]
 pub(super) struct GridArgs {
-    /// Middle of the cameras; the centre of the scene's headbox if absent. Given several times, so
-    /// many planes of cameras
+    /// Centre of the camera plane, in the file's axes and unit; repeat it for several planes; the
+    /// centre of the scene's headbox by default
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_vector, allow_hyphen_values = true)]
     plane: Vec<DVec3>,
-    /// Where the cameras look, across their plane; the direction in which there is most to see if
-    /// absent. Once for all planes, or once for each
+    /// Viewing direction of the cameras, normal to their plane: one for all planes, or one for
+    /// each; the direction with the most detail by default
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_vector, allow_hyphen_values = true)]
     normal: Vec<DVec3>,
-    /// Direction that points up in the images; the file's up axis if absent
+    /// Up direction of the images, in the file's axes; the file's up axis by default
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_vector, allow_hyphen_values = true)]
     up_vector: Option<DVec3>,
-    /// From the first camera of a row to its last; columns have the same spacing. The edge of the
-    /// scene's headbox if absent
+    /// Distance from the first camera of a row to the last, in the file's unit; columns have the
+    /// same spacing; the edge length of the scene's headbox by default
     #[arg(long, value_name = "LENGTH", value_parser = parse_length)]
     extent: Option<f64>,
-    /// Cameras in a row and in a column; 4x4 if absent
+    /// Number of cameras in a row and in a column, 1 to 256 each; 4x4 by default
     #[arg(long, value_name = "CxR", value_parser = parse_cameras)]
     cameras: Option<(u32, u32)>,
-    /// Size of an image, pixels; 512x512 if absent
+    /// Size of each image, pixels; 512x512 by default
     #[arg(long, value_name = "WxH", value_parser = parse_size)]
     size: Option<(u32, u32)>,
-    /// Vertical field of view of an image, degrees; 60 if absent
+    /// Vertical field of view of each image, degrees, 0.1 to 170; 60 by default
     #[arg(long, value_name = "DEG", value_parser = parse_fov)]
     fov: Option<f64>,
-    /// How far from the plane all images show the same part of the scene; the middle of the
-    /// disparities if absent
+    /// Distance from the plane, in the file's unit, at which all images show the same part of the
+    /// scene; the middle of the disparities by default
     #[arg(long, value_name = "LENGTH", value_parser = parse_length, conflicts_with = "parallel")]
     focus: Option<f64>,
-    /// Look straight ahead with every camera, as the paper has it
+    /// Point all cameras straight ahead, as in the paper, without convergence
     #[arg(long)]
     parallel: bool,
-    /// Light slabs: so many planes of cameras, turned about a vertical line so that the scene is
-    /// seen from all around; 1 if absent
+    /// Number of light slabs, 1 to 256: camera planes rotated about a vertical axis, to show the
+    /// scene from all around; 1 by default
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=MAX_SLABS as i64))]
     slabs: Option<u32>,
-    /// A point of the line about which planes are turned; what lies in the middle of the first
-    /// images if absent
+    /// Point on the rotation axis of the light slabs; the point straight ahead of the first plane
+    /// at the middle disparity by default
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_vector, allow_hyphen_values = true, requires = "slabs")]
     about: Option<DVec3>,
 }
@@ -99,19 +99,19 @@ pub(super) struct GridArgs {
 /// Quality of images and layers.
 #[derive(Args)]
 pub(super) struct LumigraphQualityArgs {
-    /// Layers at most; up to 255 take one byte a pixel, more take two
+    /// Maximum number of layers; up to 255 take one byte per pixel, more take two
     #[arg(long, value_name = "N", default_value_t = 255, value_parser = clap::value_parser!(u32).range(1..=MAX_LAYERS as i64))]
     layers: u32,
-    /// Where layers are put
+    /// Placement of the layers along disparity
     #[arg(long, value_name = "WHERE", default_value = "histogram", value_parser = by_name(PLACEMENTS))]
     placement: Placement,
-    /// Rays per pixel of a scene's images; 8 if absent
+    /// Rays per pixel of a scene's images; 8 by default
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=65_536))]
     samples: Option<u32>,
-    /// Diffuse bounces of a scene's light beyond direct light; 64 if absent
+    /// Diffuse bounces of a scene's light after direct light, 0 to 64; 64 by default
     #[arg(long, value_name = "B", value_parser = clap::value_parser!(u32).range(0..=64))]
     bounces: Option<u32>,
-    /// Albedo and emission without light
+    /// Store albedo and emission without lighting
     #[arg(long)]
     unlit: bool,
 }
@@ -120,12 +120,12 @@ pub(super) struct LumigraphQualityArgs {
 const PLACEMENTS: Names<Placement> = &[
     (
         "histogram",
-        "Where surfaces are: the widest layer is as narrow as can be",
+        "Adapted to the surfaces: minimises the width of the widest layer",
         Placement::Histogram,
     ),
     (
         "uniform",
-        "Equal shares of the range of disparity, as the paper has it",
+        "Equal intervals of disparity, as in the paper",
         Placement::Uniform,
     ),
 ];

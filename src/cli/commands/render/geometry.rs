@@ -22,14 +22,16 @@ pub(crate) const GEOMETRY_ALONE: &str = "--cameras, --grid, --sample-spacing, --
 /// Options of view-dependent geometry.
 #[derive(Args, Clone)]
 pub(crate) struct GeometryArgs {
-    /// View-dependent geometry: cameras whose depth samples make a frame; 10 if absent
+    /// View-dependent geometry: number of cameras whose depth samples make a frame, 1 to 1000; 10
+    /// by default
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1000))]
     cameras: Option<u16>,
-    /// View-dependent geometry: pixels between nodes of a frame's mesh; 5 if absent
+    /// View-dependent geometry: spacing of the nodes of a frame's mesh, pixels, 1 to 256; 5 by
+    /// default
     #[arg(long, value_name = "PX", value_parser = clap::value_parser!(u16).range(1..=256))]
     grid: Option<u16>,
-    /// View-dependent geometry: level of detail of the samples, each with a quarter of the one
-    /// before; 0 if absent
+    /// View-dependent geometry: level of detail of the depth samples, 0 to 3, each with a quarter
+    /// of the samples of the one before; 0 by default
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=3))]
     lod: Option<u32>,
     #[command(flatten)]
@@ -39,10 +41,11 @@ pub(crate) struct GeometryArgs {
 /// Resources of view-dependent geometry.
 #[derive(Args, Clone)]
 pub(crate) struct GeometryResourceArgs {
-    /// View-dependent geometry: pixels between samples of a depth image; 3 if absent
+    /// View-dependent geometry: spacing of the samples of a depth image, pixels, 1 to 256; 3 by
+    /// default
     #[arg(long, value_name = "PX", value_parser = clap::value_parser!(u16).range(1..=256))]
     sample_spacing: Option<u16>,
-    /// View-dependent geometry: memory for pictures, MB; 1024 if absent
+    /// View-dependent geometry: memory for images, MB of 10^6 bytes; 1 GiB by default
     #[arg(long, value_name = "MB", value_parser = clap::value_parser!(u32).range(1..))]
     pictures_memory: Option<u32>,
 }

@@ -53,39 +53,39 @@ const FIGURES: [(&str, &str); 2] = [
 
 #[derive(Args)]
 pub(crate) struct RenderCommand {
-    /// A .ldi or .sprite file or a folder of images with depth, or several of one world, laid over
-    /// each other back to front, and models among them (.obj, .gltf, .glb, builtin:NAME), in the
-    /// light of the first .ldi; @at=X,Y,Z, @turn=DEG, @scale=S, @up=z and @unit=cm may follow a
-    /// model's name. Or one .house or .lumi file
+    /// Inputs: .ldi and .sprite files and folders of images with depth, of one world, composed back
+    /// to front; models (.obj, .gltf, .glb, builtin:NAME) among them, in the light of the first
+    /// .ldi, their names followed by @at=X,Y,Z, @turn=DEG, @scale=S, @up=z or @unit=cm as needed;
+    /// or one .house or .lumi file
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
-    /// Picture to write (.png, .jpg, .webp, .tif, .bmp or .tga; `-` for standard output, PNG; of a
-    /// .ldi also .exr: linear radiance); with --path the folder for frames and times.csv, or a film
-    /// (.mp4 or .webm, which need ffmpeg, .apng or .gif)
+    /// Output image (.png, .jpg, .webp, .tif, .bmp or .tga; `-` for PNG on standard output; of an
+    /// .ldi also .exr with linear radiance); with --path a folder for frames and times.csv, or a
+    /// film (.mp4 or .webm, which need ffmpeg, .apng or .gif)
     #[arg(short, long)]
     output: PathBuf,
     #[command(flatten)]
     camera: CameraArgs,
-    /// Render a frame per pose of this file: JSON of poses, of the window or of nerfstudio's
-    /// viewer, or the cameras of a .gltf or .glb with the animation that moves them, as Blender
-    /// exports it
+    /// Render one frame per pose of this file: JSON poses of the window or of nerfstudio's viewer,
+    /// or animated cameras of a .gltf or .glb, as exported by Blender
     #[arg(long, value_name = "PATH")]
     path: Option<PathBuf>,
-    /// Frames a second of a film, and of an animation in --path; if absent as the times in PATH
-    /// have it, else 30
+    /// Frame rate of a film, and sampling rate of an animation in --path, frames per second, 1 to
+    /// 240; that of the times in PATH for films, else 30, by default
     #[arg(long, requires = "path", value_parser = clap::value_parser!(u32).range(1..=240))]
     fps: Option<u32>,
-    /// Frames for both eyes side by side, so many metres apart: 0.064 for people; with --panorama
+    /// Render both eyes side by side at this distance, metres, 0.064 for people; with --panorama
     /// one above the other
     #[arg(long, value_name = "METRES", value_parser = parse_length)]
     stereo: Option<f64>,
-    /// All directions about the eye, twice as wide as high (equirectangular), as players of
-    /// 360-degree pictures and films have it; the height is that of --size or of the path. With
+    /// Render all directions about the eye as an equirectangular image, twice as wide as high, for
+    /// players of 360-degree images and films; the height is that of --size or of the path. With
     /// --stereo for both eyes (omni-directional stereo), the left one above
     #[arg(long)]
     panorama: bool,
-    /// What lies before both eyes, 180 by 180 degrees each, side by side, as VR180 has it; the
-    /// height is that of --size or of the path, and the eyes are 0.064 m apart without --stereo
+    /// Render 180 by 180 degrees in front of both eyes, side by side, for VR180 players; the height
+    /// is that of --size or of the path, and the distance of the eyes that of --stereo, 0.064 m by
+    /// default
     #[arg(long, conflicts_with = "panorama")]
     vr180: bool,
     #[command(flatten)]
@@ -94,14 +94,14 @@ pub(crate) struct RenderCommand {
     geometry: GeometryResourceArgs,
     #[command(flatten)]
     images: SetArgs,
-    /// EXR to write the eye depth of each pixel to, metres, infinite where nothing is drawn; for a
-    /// single frame of one .ldi or folder of images
+    /// Write the eye depth of each pixel to this EXR, metres, infinite where nothing is drawn; for
+    /// a single frame of one .ldi or folder of images
     #[arg(long, value_name = "FILE.exr", conflicts_with_all = ["path", "stereo", "panorama", "vr180"])]
     depth: Option<PathBuf>,
-    /// Picture to write of the share of each pixel that splats cover, 0 to 255; for a single frame
+    /// Write the share of each pixel that splats cover to this image, 0 to 255; for a single frame
     #[arg(long, value_name = "FILE.png", conflicts_with_all = ["path", "stereo", "panorama", "vr180"])]
     coverage: Option<PathBuf>,
-    /// Render each frame so many times and report the median
+    /// Number of times to render each frame; the median time is reported
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     repeat: u32,
     /// Print one JSON object on standard output

@@ -40,56 +40,55 @@ use std::sync::{Arc, Mutex};
 
 #[derive(Args)]
 pub(crate) struct ReportCommand {
-    /// Scenes (.obj, .gltf, .glb, homes, builtin:NAME) to capture, or .ldi and .sprite files whose
-    /// scenes are still there. What differs from scene to scene may follow its name: @center=X,Y,Z,
-    /// @half=S, @up=z, @unit=cm
+    /// Scenes to capture (.obj, .gltf, .glb, homes, builtin:NAME), .ldi and .sprite files whose
+    /// scenes still exist, or one folder of images; the name of a scene may be followed by its own
+    /// settings: @center=X,Y,Z, @half=S, @up=z, @unit=cm
     #[arg(value_name = "SCENE|FILE", required_unless_present_any = ["results", "stability"], value_parser = parse_subject)]
     subjects: Vec<SubjectArg>,
-    /// Folder for report.json, report.csv, summary.md and charts, headbox-report if absent; with
-    /// --results and --stability the page to write, results.md and STABILITY.md if absent
+    /// Folder for report.json, report.csv, summary.md and charts; headbox-report by default. With
+    /// --results and --stability: page to write; results.md and STABILITY.md by default
     #[arg(short, long)]
     output: Option<PathBuf>,
-    /// Small sizes: less than two minutes a scene on two cores
+    /// Measure at small sizes: less than two minutes per scene on two cores
     #[arg(long)]
     quick: bool,
-    /// Frames of 1024x768 and faces of 1024 px, from few eyes and of one capture: four minutes to
-    /// three quarters of an hour a scene on two cores, most of it for truth, which is kept
+    /// Measure at full sizes, frames of 1024x768 and faces of 1024 px, from few eyes and one
+    /// capture: 4 to 45 minutes per scene on two cores, mostly for truth, which is cached
     #[arg(long, conflicts_with = "quick")]
     real: bool,
-    /// Leave out the scenes that OUTPUT/report.json, of the same commit, sizes and seed, has
-    /// already
+    /// Skip scenes already in OUTPUT/report.json, if its commit, sizes and seed are the same
     #[arg(long)]
     resume: bool,
-    /// Hold what the README promises against the run, and fail if it does not hold
+    /// Check the claims of the README against the measurements, and fail if one does not hold
     #[arg(long)]
     promises: bool,
-    /// With --results: the walk.json of `headbox walk`, for a chapter of its own
+    /// Add a chapter to the page of --results from this walk.json of `headbox walk`
     #[arg(long, value_name = "walk.json", requires = "results")]
     walk: Option<PathBuf>,
     /// Seed of eyes and captures
     #[arg(long, value_name = "K", default_value_t = 0)]
     seed: u64,
-    /// Diffuse bounces of light beyond direct light
+    /// Diffuse bounces of light after direct light, 0 to 64
     #[arg(long, value_name = "B", default_value_t = CaptureParameters::FULL_BOUNCES, value_parser = clap::value_parser!(u32).range(0..=64))]
     bounces: u32,
-    /// Folder in which ray-traced truth is kept from run to run; headbox/truth in the user's cache
-    /// folder if absent
+    /// Cache folder of ray-traced truth, reused by later runs; headbox/truth in the user's cache
+    /// folder by default
     #[arg(long, value_name = "DIR")]
     cache: Option<PathBuf>,
-    /// Measure nothing: make a page and its charts from the report.json of an earlier run
+    /// Write a page and its charts from the report.json of an earlier run, without measuring
     #[arg(long, value_name = "report.json", conflicts_with_all = ["subjects", "quick", "real"])]
     results: Option<PathBuf>,
-    /// Measure hard numerical cases instead, and write the page of their bounds
+    /// Measure hard numerical cases instead, and write a page of their error bounds
     #[arg(long, conflicts_with_all = ["subjects", "quick", "real", "results"])]
     stability: bool,
-    /// With --stability: the page of an earlier run, whose verdicts must be the same
+    /// Compare with the page of an earlier --stability run, and fail if verdicts differ
     #[arg(long, value_name = "STABILITY.md", requires = "stability")]
     against: Option<PathBuf>,
-    /// Seeds of each hard case
+    /// Number of seeds for each hard case of --stability
     #[arg(long, value_name = "N", default_value_t = 20, requires = "stability", value_parser = clap::value_parser!(u64).range(1..=100_000))]
     seeds: u64,
-    /// Of an image set (a folder): leave every N-th view out and judge how the others show it; 1
-    /// leaves out each alone
+    /// Folder of images: hold out every N-th view, render it from the others and compare; 1 holds
+    /// out each view in turn
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u16).range(1..).map(usize::from))]
     hold_out: usize,
     #[command(flatten)]

@@ -31,12 +31,12 @@ use std::time::Instant;
 
 #[derive(Args)]
 pub(crate) struct SpriteCommand {
-    /// A scene to capture (an .obj, .gltf or .glb file, a home (Home.xml, .sh3d, .toml), or
-    /// builtin:NAME), a folder of photographs with known cameras, or a .sprite file to export
+    /// Scene to capture (an .obj, .gltf or .glb file, a home (Home.xml, .sh3d, .toml), or
+    /// builtin:NAME), folder of photographs with known cameras, or .sprite file to export
     scene: Option<String>,
     #[command(flatten)]
     pub(super) source: SourceArgs,
-    /// The .sprite file to write; `-` for standard output
+    /// Output .sprite file; `-` for standard output
     #[arg(short, long)]
     output: Option<PathBuf>,
     #[command(flatten)]
@@ -47,19 +47,20 @@ pub(crate) struct SpriteCommand {
     pub(super) sequence: SequenceArgs,
     #[command(flatten)]
     import: ImportArgs,
-    /// How displacements are stored
+    /// Storage format of displacements
     #[arg(long, default_value = "i8", value_parser = by_name(DISPLACEMENT_FORMATS))]
     pub(super) displacement: DisplacementFormat,
-    /// Displacements at a resolution lower by this factor than the colours
+    /// Divisor of the displacements' resolution, relative to the colours, 1 to 64
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=64))]
     displacement_divisor: u32,
-    /// Write colour (PNG), eye depth (EXR, metres) and cameras (sprites.json) of each sprite into
+    /// Write colour (PNG), eye depth (EXR, metres) and cameras (sprites.json) of all sprites into
     /// this folder
     #[arg(long, value_name = "DIR")]
     export: Option<PathBuf>,
-    /// Judge every variant against truth as the eye moves away from where a scene's sprites were
-    /// taken: range.csv and range.svg in this folder. Of a folder of images: leave every third out
-    /// and judge sprites by them: report.json, summary.md, pictures
+    /// Measure errors and write them into this folder. Scene: every variant against truth as the
+    /// eye moves away from the capture position (range.csv, range.svg). Folder of images: sprites
+    /// made without every third photograph, against these photographs (report.json, summary.md,
+    /// images)
     #[arg(long, value_name = "DIR", requires = "scene")]
     pub(super) range: Option<PathBuf>,
     /// Print one JSON object on standard output
@@ -70,40 +71,41 @@ pub(crate) struct SpriteCommand {
 /// Quality of sprites captured from a scene.
 #[derive(Args)]
 pub(super) struct SpriteQualityArgs {
-    /// Sprites at most: the view is cut at its widest gaps of depth
+    /// Maximum number of sprites, 1 to 64; the view is cut at its widest gaps of depth
     #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u16).range(1..=64))]
     slabs: u16,
     /// Rays per pixel
     #[arg(long, value_name = "N", default_value_t = 32, value_parser = clap::value_parser!(u32).range(1..=65_536))]
     samples: u32,
-    /// Diffuse bounces of light beyond direct light
+    /// Diffuse bounces of light after direct light, 0 to 64
     #[arg(long, value_name = "B", default_value_t = CaptureParameters::FULL_BOUNCES, value_parser = clap::value_parser!(u32).range(0..=64))]
     bounces: u32,
-    /// Albedo and emission without light
+    /// Store albedo and emission without lighting
     #[arg(long)]
     pub(super) unlit: bool,
 }
 
-/// A picture and its depth in place of a scene.
+/// Image and its depth, in place of a scene.
 #[derive(Args)]
 struct ImportArgs {
-    /// Colour picture (PNG and others) of a sprite to make; needs --depth and --depth-kind
+    /// Colour image (PNG and others) to make a sprite of; needs --depth and --depth-kind
     #[arg(long, value_name = "COLOR.png", requires_all = ["depth", "depth_kind"], conflicts_with = "scene")]
     color: Option<PathBuf>,
-    /// Depth picture: EXR, or grey PNG of 8 or 16 bits where 0 means unknown
+    /// Depth image: EXR, or grey PNG of 8 or 16 bits where 0 means unknown
     #[arg(long, value_name = "DEPTH", requires = "color")]
     depth: Option<PathBuf>,
-    /// What a depth means
+    /// Meaning of the depth values
     #[arg(long, requires = "color", value_parser = by_name(DEPTH_KINDS))]
     depth_kind: Option<DepthKind>,
-    /// Metres per stored depth value; 1 for EXR, 0.001 for PNG if absent. For window depth the
-    /// value of 1: 1 or 1/65535
+    /// Metres per stored depth value; 1 for EXR and 0.001 for PNG by default. Window depth: factor
+    /// that scales stored values to 0..1; 1 for EXR, 1/255 or 1/65535 for PNG of 8 or 16 bits by
+    /// default
     #[arg(long, value_name = "METRES", requires = "color", value_parser = parse_length)]
     depth_unit: Option<f64>,
     /// Near plane of window depth, metres
     #[arg(long, value_name = "METRES", requires = "color", value_parser = parse_length)]
     near: Option<f64>,
-    /// Far plane of window depth, metres; infinitely far if absent
+    /// Far plane of window depth, metres; infinite by default
     #[arg(long, value_name = "METRES", requires = "color", value_parser = parse_length)]
     far: Option<f64>,
 }
@@ -112,24 +114,28 @@ struct ImportArgs {
 const DISPLACEMENT_FORMATS: Names<DisplacementFormat> = &[
     (
         "i8",
-        "8 bits with sign: the paper's choice",
+        "Signed 8-bit integer, as in the paper",
         DisplacementFormat::I8,
     ),
-    ("i16", "16 bits with sign", DisplacementFormat::I16),
+    ("i16", "Signed 16-bit integer", DisplacementFormat::I16),
     ("f32", "32-bit floating point", DisplacementFormat::F32),
 ];
 
 const DEPTH_KINDS: Names<DepthKind> = &[
-    ("eye", "Along the viewing axis", DepthKind::EyeDepth),
-    ("ray", "From the eye", DepthKind::RayDistance),
+    (
+        "eye",
+        "Distance along the viewing axis",
+        DepthKind::EyeDepth,
+    ),
+    ("ray", "Distance from the eye", DepthKind::RayDistance),
     (
         "window",
-        "A depth buffer's value, 0 at the near plane and 1 at the far plane",
+        "Depth buffer value, 0 at the near plane and 1 at the far plane",
         DepthKind::WindowDepth,
     ),
     (
         "reversed-window",
-        "The same of a reversed buffer, 1 at the near plane and 0 at the far plane",
+        "Reversed depth buffer value, 1 at the near plane and 0 at the far plane",
         DepthKind::ReversedWindowDepth,
     ),
 ];

@@ -19,22 +19,22 @@ use std::path::{Path, PathBuf};
 /// Options of sprites of a sequence.
 #[derive(Args)]
 pub(crate) struct SequenceArgs {
-    /// Of a folder of images: the view whose layers are made, by name or by number from 1; the one
-    /// in the middle if absent
+    /// Folder of images: reference view, whose layers are made, by name or by number from 1; the
+    /// middle one by default
     #[arg(long, value_name = "NAME")]
     view: Option<String>,
-    /// Of a folder of images: layers at most
+    /// Folder of images: maximum number of layers, 1 to 64; 6 by default
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=64))]
     layers: Option<u8>,
-    /// Of a folder of images: other views that depth and what is hidden are found from; 6 if absent
+    /// Folder of images: number of other views, 1 to 8, from which depth and hidden regions are
+    /// recovered; 6 by default
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=8))]
     frames: Option<u8>,
-    /// Of a folder of images: regions made by hand instead of found ones, a PNG a layer in the
-    /// order of their names, as large as the view's picture, white where a pixel belongs
+    /// Folder of images: folder of hand-made regions that replace detected ones: one PNG per layer
+    /// in order of names, as large as the view's image, white inside the layer
     #[arg(long, value_name = "DIR")]
     masks: Option<PathBuf>,
-    /// Of a folder of images: take depth from its files, too; otherwise only what is found from the
-    /// pictures
+    /// Folder of images: use the depth in its files instead of depth estimated from the images
     #[arg(long)]
     own_depth: bool,
     #[command(flatten)]
