@@ -101,9 +101,9 @@ impl HouseView {
             Setting::choice_at(
                 "variant",
                 "Variant",
-                "What stands behind portals that are not near: geometry, or textures, warped images, layered depth images or \
-                 sprites, with footprints of fixed size or over the last frame (no unit). What is not in the file is built \
-                 in the background; until then geometry is drawn.",
+                "Backdrop behind portals that are not near: geometry, textures, warped images, layered depth \
+                 images or sprites, with footprints of fixed size or composed over the last frame (no unit). \
+                 Backdrops missing from the file are built in the background; until then geometry is drawn.",
                 &HouseVariant::ALL.map(|variant| variant.name),
                 selected,
             )
@@ -111,8 +111,8 @@ impl HouseView {
             Setting::choice(
                 OVERLAY,
                 "Overlay",
-                "What is painted: the frame; the holes of its backdrops in magenta; its backdrops in colour and its geometry \
-                 in grey.",
+                "Content of the image: the frame; holes of its backdrops in magenta; backdrops in colour and \
+                 geometry in grey.",
                 &OVERLAYS,
             )
             .with_flag(OVERLAY),

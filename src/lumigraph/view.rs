@@ -41,24 +41,24 @@ impl LumigraphView {
             Setting::choice(
                 OVERLAY,
                 "Overlay",
-                "What is painted instead of colours: the layer that a pixel is stored in, the layers as they were merged for \
-                 this frame, or the cameras that a pixel is blended from (no unit).",
+                "Content of the image: colours, the stored layer of each pixel, the merged layers of this frame, \
+                 or the cameras blended in each pixel (no unit).",
                 &LumigraphOverlay::ALL.map(LumigraphOverlay::name),
             )
             .with_flag(OVERLAY),
             Setting::choice(
                 "blend",
                 "Blend",
-                "Where some cameras show a surface and others look through it: it takes their share of the pixel, or the \
-                 whole of it as the paper has it (no unit).",
+                "Blending of a surface that only some cameras see: weighted by their share of the pixel, or \
+                 opaque as in the paper (no unit).",
                 &Blend::ALL.map(Blend::name),
             )
             .with_flag("variant"),
             Setting::number(
                 "merge",
                 "Merge layers",
-                "How far two neighbouring cameras may disagree about a point where layers are merged for the frame; 0 merges \
-                 none (pixels of an image or of the frame, whichever is larger).",
+                "Maximum disagreement of two neighbouring cameras about a point in merged layers, pixels of an \
+                 image or of the frame, whichever is larger; 0 merges none.",
                 defaults.tolerance_px,
                 0.0..=16.0,
                 "px",

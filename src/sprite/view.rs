@@ -117,8 +117,8 @@ impl LayersView {
             Setting::choice_at(
                 "variant",
                 "Variant",
-                "How parallax inside a sprite is drawn: two passes are the papers' recommendation, the others what it is \
-                 measured against (no unit).",
+                "Method of drawing parallax inside a sprite: two passes, which the papers recommend, or a \
+                 baseline for comparison (no unit).",
                 &SpriteVariant::ALL.map(SpriteVariant::name),
                 selected,
             )
@@ -127,14 +127,14 @@ impl LayersView {
             Setting::choice(
                 "sampling",
                 "Sampling",
-                "How colours are looked up: the weighted mean of the four texels around, or the nearest (no unit).",
+                "Texture filter: bilinear, or the nearest texel (no unit).",
                 &SAMPLINGS.map(|(name, _)| name),
             )
             .with_flag("sampling"),
             Setting::count(
                 "fill",
                 "Gap filling",
-                "Cells by which gaps inside sprites are filled; 0 leaves them open (a number of cells).",
+                "Number of steps, one cell each, that fill gaps inside sprites; 0 leaves them open (a number of cells).",
                 RenderOptions::default().fill_steps,
                 0..=MAX_FILL_STEPS,
             )
@@ -148,8 +148,8 @@ impl LayersView {
         let by_depth = Setting::toggle(
             "by-depth",
             "By depth",
-            "Lays the layers over each other pixel by pixel, by depth, instead of whole: slower, but right where they reach \
-             through each other. With a model it is always so.",
+            "Composes layers pixel by pixel, by depth, instead of back to front: slower, but correct where layers \
+             intersect. Models are always composed by depth.",
             false,
         );
         vec![by_depth.with_flag("by-depth"), overlay_setting()]
@@ -160,7 +160,7 @@ fn overlay_setting() -> Setting {
     Setting::choice(
         OVERLAY,
         "Overlay",
-        "What is painted: the frame, or where no layer is, in magenta.",
+        "Content of the image: the frame, or the frame with uncovered pixels in magenta.",
         &OVERLAYS,
     )
     .with_flag(OVERLAY)

@@ -95,8 +95,8 @@ impl TruthView {
             if let Control::Choice { options, .. } = &mut setting.control {
                 options.extend(TruthOverlay::ALL.map(|overlay| overlay.name().to_owned()));
             }
-            setting.tooltip += " Also the ray-traced truth of this view, and the frame's error against it (FLIP, black 0 to \
-                                yellow 1); both are refined while the eye rests.";
+            setting.tooltip += " Also the ray-traced truth of this view, or the error of the frame against it (FLIP, black 0 to \
+                 yellow 1); both are refined while the eye rests.";
         }
         settings
     }

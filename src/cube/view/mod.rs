@@ -83,17 +83,18 @@ impl CubeView {
             Setting::choice(
                 "kernel",
                 "Footprints",
-                "How samples become pixels (no unit).",
+                "Footprint kernel that draws samples as pixels (no unit).",
                 &SplatKernel::ALL.map(SplatKernel::name),
             )
             .with_flag("variant"),
             Setting::choice(
                 OVERLAY,
                 "Overlay",
-                "What is painted: the frame; its holes in magenta; the share of each pixel that splats cover (black 0 to \
-                 white 1); the depth pixels coloured by their distance from the centre of the headbox (red near, blue \
-                 far), layer (orange first), face, near and far segment, or primitive; the width of the footprint in \
-                 front (px); how often each pixel was drawn (a number); what clipping left out, on the unfolded faces.",
+                "Content of the image: the frame; its holes in magenta; the coverage of each pixel by splats \
+                 (black 0 to white 1); depth pixels coloured by distance from the centre of the headbox (red \
+                 near, blue far), layer (orange first), face, near and far segment, or primitive; the width of \
+                 the nearest footprint (px); the overdraw of each pixel (a count); the samples that clipping \
+                 removes, on the unfolded faces.",
                 &overlays,
             )
             .with_flag(OVERLAY),
@@ -106,15 +107,15 @@ impl CubeView {
             Setting::toggle(
                 "keep-holes",
                 "Keep holes",
-                "Leaves small holes open, which are otherwise filled from what lies behind their rims.",
+                "Leaves small holes open instead of filling them from the background around them.",
                 false,
             )
             .with_flag("keep-holes"),
             Setting::number(
                 "exposure",
                 "Exposure",
-                "Stops by which the frame is shown brighter than it was captured, clipped at white; a capture made with --hdr \
-                 keeps what lies above.",
+                "Exposure of the frame relative to the capture, stops, clipped at white; a capture made with \
+                 --tone hdr keeps light above white.",
                 0.0,
                 -MAX_STOPS..=MAX_STOPS,
                 "stops",

@@ -64,8 +64,8 @@ impl GeometryView {
             Setting::choice_at(
                 "texturing",
                 "Texturing",
-                "Whose picture colours the mesh: the nearest as it is, the best alone, the best of each triangle's corners, these \
-                 blended, or the mean of the best that see a point (no unit).",
+                "Texture of the mesh: the nearest image unwarped, the best image, the best image of each \
+                 triangle's corners, these blended, or the mean of the best images that see a point (no unit).",
                 &Texturing::ALL.map(Texturing::name),
                 selected,
             )
@@ -73,7 +73,8 @@ impl GeometryView {
             Setting::count(
                 "cameras",
                 "Cameras",
-                "Cameras whose depth samples make the mesh (no unit); fewer while the eye moves, if time is short.",
+                "Number of cameras whose depth samples make the mesh (no unit); fewer while the eye moves, to \
+                 keep the frame time.",
                 initial.cameras as u32,
                 1..=1000,
             )
@@ -81,7 +82,7 @@ impl GeometryView {
             Setting::count(
                 "grid",
                 "Grid",
-                "Pixels between the mesh's nodes; more while the eye moves, if time is short.",
+                "Spacing of the mesh's nodes, pixels; larger while the eye moves, to keep the frame time.",
                 initial.grid_px as u32,
                 1..=256,
             )
@@ -89,7 +90,8 @@ impl GeometryView {
             Setting::count(
                 "lod",
                 "Level of detail",
-                "Level of detail of the depth samples, each with a quarter of the one before (no unit).",
+                "Level of detail of the depth samples, each with a quarter of the samples of the one before (no \
+                 unit).",
                 initial.level,
                 0..=3,
             )
@@ -105,8 +107,9 @@ impl GeometryView {
             Setting::choice(
                 OVERLAY,
                 "Overlay",
-                "What is painted: the frame, its holes in magenta, how many cameras see a place, its pixels by camera, by how \
-                 many cameras own a triangle, the mesh, or how long pictures have been at hand.",
+                "Content of the image: the frame, holes in magenta, the number of cameras that see a point, \
+                 pixels by camera, pixels by the number of cameras that own a triangle, the mesh, or the age of \
+                 loaded images.",
                 &GeometryOverlay::ALL.map(GeometryOverlay::name),
             )
             .with_flag(OVERLAY),
