@@ -41,6 +41,11 @@
 //! Features: `cli` (default) is the command line, `viewer` (default) its window. A library needs
 //! neither: `headbox = { default-features = false, .. }`.
 
+/// Compiles the example of the README as it stands there.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;
+
 mod capture;
 mod error;
 mod scene;
