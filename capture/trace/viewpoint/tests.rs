@@ -217,3 +217,46 @@ fn half_size_shrinks_with_fewer_rays() {
     assert_eq!(fitting_half_size(0.8, 0.0), 0.2);
     assert_eq!(fitting_half_size(0.8, 1e9), 0.8);
 }
+
+/// Returns an office of two storeys, half of whose floors are under desks, with a mast on its empty
+/// roof; on a plain.
+fn office() -> Tracer {
+    let mut scene = Scene {
+        materials: vec![Material::default()],
+        ..Scene::default()
+    };
+    push_box(
+        &mut scene,
+        dvec3(-40.0, -0.5, -40.0),
+        dvec3(60.0, -0.4, 52.0),
+        0,
+    );
+    for storey in 0..2 {
+        let floor = 3.5 * f64::from(storey);
+        push_box(
+            &mut scene,
+            dvec3(0.0, floor, 0.0),
+            dvec3(20.0, floor + 3.2, 12.0),
+            0,
+        );
+        for row in 0..3 {
+            for desk in 0..6 {
+                let corner = dvec3(
+                    1.5 + 3.0 * f64::from(desk),
+                    floor + 0.7,
+                    1.5 + 3.5 * f64::from(row),
+                );
+                push_box(&mut scene, corner, corner + dvec3(1.6, 0.05, 0.8), 0);
+            }
+        }
+    }
+    push_box(&mut scene, dvec3(9.9, 6.7, 5.9), dvec3(10.1, 20.0, 6.1), 0);
+    Tracer::new(Arc::new(scene), dvec3(10.0, 3.0, 6.0))
+}
+
+#[test]
+fn room_is_preferred_to_its_roof() {
+    let eye = suggest_headbox(&office()).centre;
+    let is_inside = (0.0..20.0).contains(&eye.x) && (0.0..12.0).contains(&eye.z) && eye.y < 6.7;
+    assert!(is_inside, "{eye}");
+}
