@@ -34,9 +34,8 @@ const SHORTLIST: usize = 64;
 /// Minimum clearance of a free position relative to the scene's diagonal; less is a gap between
 /// objects.
 const MIN_CLEARANCE_SHARE: f64 = 0.05;
-/// Minimum fraction of standing positions with a ceiling in a scene that has rooms. Under trees and
-/// tables it is less.
-const MIN_COVERED: f64 = 0.2;
+/// Minimum fraction of standing positions under a level ceiling in a scene that has rooms.
+const MIN_COVERED: f64 = 0.05;
 /// Minimum fraction of directions with surfaces inside a room; fewer means next to objects.
 const MIN_ENCLOSED: f64 = 0.75;
 /// Minimum fraction of visible back faces inside a solid.
@@ -186,7 +185,10 @@ fn standing_place(tracer: &Tracer) -> Option<DVec3> {
     let floors: Vec<DVec3> = tries
         .filter_map(|place| find_floor(tracer, place))
         .collect();
-    let is_covered = |floor: &&DVec3| cast(tracer, **floor + DVec3::Y * 0.4, Vec3::Y).is_some();
+    let is_covered = |floor: &&DVec3| {
+        let ceiling = cast(tracer, **floor + DVec3::Y * 0.4, Vec3::Y);
+        ceiling.is_some_and(|hit| tracer.scene().geometric_normal(hit.primitive).y.abs() > 0.7)
+    };
     let covered: Vec<DVec3> = floors.iter().filter(is_covered).copied().collect();
     // Rooms come before the roof above them, which is emptier and often larger.
     let has_rooms = covered.len() as f64 >= MIN_COVERED * floors.len() as f64;

@@ -219,7 +219,7 @@ fn half_size_shrinks_with_fewer_rays() {
 }
 
 /// Returns an office of two storeys, half of whose floors are under desks, with a mast on its empty
-/// roof; on a plain.
+/// roof.
 fn office() -> Tracer {
     let mut scene = Scene {
         materials: vec![Material::default()],
@@ -227,8 +227,8 @@ fn office() -> Tracer {
     };
     push_box(
         &mut scene,
-        dvec3(-40.0, -0.5, -40.0),
-        dvec3(60.0, -0.4, 52.0),
+        dvec3(-2.0, -0.5, -2.0),
+        dvec3(22.0, -0.4, 14.0),
         0,
     );
     for storey in 0..2 {
