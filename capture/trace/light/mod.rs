@@ -37,11 +37,7 @@ use rayon::prelude::*;
 use sharp::LocalLamp;
 
 /// Number of bounces after which Russian roulette starts.
-const ROULETTE_BOUNCES: u32 = 1;
-
-/// Factor on the probability with which a path survives Russian roulette, beside its throughput.
-/// Light of many bounces is weak and even: half of the paths carry it with twice the weight.
-const SURVIVAL: f32 = 0.5;
+const ROULETTE_BOUNCES: u32 = 3;
 
 /// Ambient fill light, attenuated by obscurance: radiance along a cosine-weighted ray that hits
 /// nothing within `reach_m`, falling to zero at zero distance. Replaces the lamps that a model of a
@@ -491,7 +487,7 @@ impl Lighting {
         path.point = next;
         path.throughput *= Vec3::from_array(surface.albedo);
         if bounce >= ROULETTE_BOUNCES {
-            let survive = (SURVIVAL * path.throughput.max_element()).min(0.95);
+            let survive = path.throughput.max_element().min(0.95);
             if sample.single(dimension + 3) >= survive {
                 return None;
             }

@@ -40,7 +40,7 @@ pub(crate) struct TruthCommand {
     images: Option<(u32, u32)>,
     #[command(flatten)]
     camera: CameraArgs,
-    /// Diffuse bounces of light beyond direct light; 64, practically all, by default
+    /// Diffuse bounces of light beyond direct light; 1 by default, as in captures
     #[arg(long, value_name = "B", value_parser = clap::value_parser!(u32).range(0..=64))]
     bounces: Option<u32>,
     /// Maximum number of rays per pixel; 256 by default, without limit with --noise or --time
@@ -145,7 +145,7 @@ impl TruthCommand {
         outputs.add_scene(&scene)?;
         let (camera, tracer) = self.camera.aim(&scene)?;
         let place = metering_place(&tracer, camera.eye());
-        let bounces = self.bounces.unwrap_or(CaptureParameters::FULL_BOUNCES);
+        let bounces = self.bounces.unwrap_or(CaptureParameters::DEFAULT.bounces);
         let lighting = Lighting::prepare(&tracer, place, bounces, !self.unlit);
         let half_size_m = match self.images {
             Some(_) => viewpoint::place_headbox(&scene, None, None)

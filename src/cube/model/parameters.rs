@@ -74,7 +74,7 @@ impl CaptureParameters {
     pub const DEFAULT: Self = Self {
         strata: 32,
         rays_per_stratum: 16,
-        bounces: Self::FULL_BOUNCES,
+        bounces: 1,
         light_samples: 4,
         seed: 0,
         novelty: Self::DEFAULT_NOVELTY,
@@ -95,10 +95,6 @@ impl CaptureParameters {
             ..Self::DEFAULT
         }
     }
-
-    /// Bounces beyond which no visible light is left: of white surfaces with an albedo of 0.9, a
-    /// thousandth. Russian roulette ends nearly all paths long before.
-    pub const FULL_BOUNCES: u32 = 64;
 
     /// Default of [`Self::novelty`]: half of the rays for less than 0.1 dB (docs/decisions/0018).
     pub const DEFAULT_NOVELTY: f64 = 0.18;

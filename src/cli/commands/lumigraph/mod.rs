@@ -108,7 +108,7 @@ pub(super) struct LumigraphQualityArgs {
     /// Rays per pixel of a scene's images; 8 by default
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=65_536))]
     samples: Option<u32>,
-    /// Diffuse bounces of a scene's light after direct light, 0 to 64; 64 by default
+    /// Diffuse bounces of a scene's light after direct light, 0 to 64; 1 by default
     #[arg(long, value_name = "B", value_parser = clap::value_parser!(u32).range(0..=64))]
     bounces: Option<u32>,
     /// Store albedo and emission without lighting
@@ -174,7 +174,7 @@ impl LumigraphCommand {
         let bounces = self
             .quality
             .bounces
-            .unwrap_or(CaptureParameters::FULL_BOUNCES);
+            .unwrap_or(CaptureParameters::DEFAULT.bounces);
         let lighting = Lighting::prepare(&tracer, tracer.origin(), bounces, !self.quality.unlit);
         let bar = Bar::new();
         let capture = LumigraphCapture {

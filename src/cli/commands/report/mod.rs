@@ -69,7 +69,7 @@ pub(crate) struct ReportCommand {
     #[arg(long, value_name = "K", default_value_t = 0)]
     seed: u64,
     /// Diffuse bounces of light after direct light, 0 to 64
-    #[arg(long, value_name = "B", default_value_t = CaptureParameters::FULL_BOUNCES, value_parser = clap::value_parser!(u32).range(0..=64))]
+    #[arg(long, value_name = "B", default_value_t = CaptureParameters::DEFAULT.bounces, value_parser = clap::value_parser!(u32).range(0..=64))]
     bounces: u32,
     /// Cache folder of ray-traced truth, reused by later runs; headbox/truth in the user's cache
     /// folder by default

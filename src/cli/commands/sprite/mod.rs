@@ -78,7 +78,7 @@ pub(super) struct SpriteQualityArgs {
     #[arg(long, value_name = "N", default_value_t = 32, value_parser = clap::value_parser!(u32).range(1..=65_536))]
     samples: u32,
     /// Diffuse bounces of light after direct light, 0 to 64
-    #[arg(long, value_name = "B", default_value_t = CaptureParameters::FULL_BOUNCES, value_parser = clap::value_parser!(u32).range(0..=64))]
+    #[arg(long, value_name = "B", default_value_t = CaptureParameters::DEFAULT.bounces, value_parser = clap::value_parser!(u32).range(0..=64))]
     bounces: u32,
     /// Store albedo and emission without lighting
     #[arg(long)]
