@@ -51,7 +51,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     )?;
     let mut renderer = Renderer::new();
     let frame = renderer.render(&ldi, &camera, &RenderSettings::default());
-    frame.save(&folder.join("set_cube.png"))?;
+    frame.save(folder.join("set_cube.png"))?;
     println!("cube LDI: {} pixels without a surface", frame.hole_count());
 
     // The images nearest to the eye, textured onto a mesh of their depth: gloss stays.
@@ -59,7 +59,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut renderer = GeometryRenderer::new();
     let settings = GeometrySettings::default();
     let (frame, stats) = renderer.render(&geometry, &camera, &settings, WaitPolicy::Wait);
-    frame.save(&folder.join("set_geometry.png"))?;
+    frame.save(folder.join("set_geometry.png"))?;
     println!("view-dependent geometry: {} cameras", stats.cameras_valid);
     Ok(())
 }

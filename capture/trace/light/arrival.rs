@@ -96,7 +96,7 @@ pub(super) fn power_of_two_above(length: f32) -> (u8, f32) {
 impl Lighting {
     /// Traces the first segment of a sample of [`Self::soft_radiosity`]: returns the light gathered
     /// before its ray hits a surface, and the arrival there, if any. The caller adds the
-    /// [contribution](Arrival::brings) of one sample of [`Self::beyond`].
+    /// [contribution](Arrival::contribution) of one sample of [`Self::beyond`].
     pub fn before(
         &self,
         tracer: &Tracer,
