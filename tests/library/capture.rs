@@ -11,6 +11,7 @@ use headbox_core::camera::Camera;
 use headbox_core::color::exposure::Exposure;
 use headbox_core::color::srgb8_from_linear;
 use headbox_core::cube_face::Face;
+use headbox_core::headbox::Headbox;
 use headbox_core::random::Rng;
 use headbox_cube::model::parameters::{CaptureParameters, MergeRule, Sampler};
 use headbox_cube::model::samples::CubeSamples;
@@ -695,7 +696,11 @@ fn sun_shadow_edge_is_one_pixel() {
         irradiance: [2.0; 3],
         angular_radius_rad: 1e-4,
     });
-    scene.exposure = Exposure::Stops(-1.1); // the lit floor is just below white
+    scene.headbox = Some(Headbox {
+        centre: DVec3::ZERO,
+        half_size_m: 0.2,
+    });
+    scene.exposure = Exposure::Stops(1.0); // the lit floor is just below white
     let parameters = CaptureParameters {
         light_samples: 1,
         seed: 7,
