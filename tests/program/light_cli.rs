@@ -83,7 +83,7 @@ fn shards_must_agree_on_light_and_file_records_it() {
     );
     assert_eq!(
         (info["tone"].as_str(), info["exposure"].as_f64()),
-        (Some("srgb-clipped"), Some(f64::from(0.5f32.powf(1.5))))
+        (Some("neutral"), Some(f64::from(0.5f32.powf(1.5))))
     );
     let told = succeeds(dir.path(), &["info", "whole.ldi"]);
     assert!(
@@ -91,7 +91,7 @@ fn shards_must_agree_on_light_and_file_records_it() {
         "{told}"
     );
     assert!(
-        told.contains("-1.50 stops (-1.5); sRGB, cut off at white"),
+        told.contains("-1.50 stops (-1.5); sRGB, highlights compressed"),
         "{told}"
     );
     // A shard in another light belongs to another capture.
@@ -414,8 +414,8 @@ fn truth_of_ldi_has_its_light_exposure_and_camera() {
     assert_eq!(truth(&["--samples", "64"])["samples"], 64);
     let comparison = json(dir.path(), &["compare", "frame.png", "truth.png", "--json"]);
     let psnr_db = comparison["psnr_db"].as_f64().unwrap();
-    // A capture of few rays; one stop of exposure or another sun would cost far more.
-    assert!(psnr_db > 22.0, "{psnr_db}");
+    // 18.5 dB: a capture of few rays on small faces. A stop of exposure costs 50 levels, 14 dB.
+    assert!(psnr_db > 17.0, "{psnr_db}");
     let noisy = truth(&["--noise", "25"]);
     assert!(
         noisy["standard_error_psnr_db"].as_f64().unwrap() >= 25.0,
