@@ -175,9 +175,9 @@ pub(super) struct LightArgs {
 
 /// Tone curves.
 const TONES: Names<ToneMap> = &[
-    ("neutral", "", ToneMap::Neutral),
-    ("linear", "", ToneMap::SrgbClipped),
-    ("hdr", "", ToneMap::SrgbCompressed),
+    (ToneMap::Neutral.name(), "", ToneMap::Neutral),
+    (ToneMap::SrgbClipped.name(), "", ToneMap::SrgbClipped),
+    (ToneMap::SrgbCompressed.name(), "", ToneMap::SrgbCompressed),
 ];
 
 impl LightArgs {

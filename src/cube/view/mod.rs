@@ -114,7 +114,7 @@ impl CubeView {
             Setting::number(
                 "exposure",
                 "Exposure",
-                "Exposure of the frame relative to the capture, stops, clipped at white; a capture made with \
+                "Exposure of the frame relative to the capture, stops; a capture made with \
                  --tone hdr keeps light above white.",
                 0.0,
                 -MAX_STOPS..=MAX_STOPS,
