@@ -78,9 +78,6 @@ struct PixelSum {
 }
 
 impl TruthSum {
-    /// First index of the samples of each half.
-    const FIRST: [u32; 2] = [0, 1 << 24];
-
     /// Creates a sum without samples.
     pub fn new(camera: &Camera) -> Self {
         let pixels = camera.width() as usize * camera.height() as usize;
@@ -123,8 +120,8 @@ impl TruthSum {
                     x,
                     y: y as u32,
                 };
-                for (first, half) in Self::FIRST.into_iter().zip(&mut sum.halves) {
-                    sum.hits += pixel.add(half, first, self.half..self.half + more);
+                for (half, radiance) in (0..).zip(&mut sum.halves) {
+                    sum.hits += pixel.add(radiance, half, self.half..self.half + more);
                 }
             }
             progress.advance(1);
@@ -238,24 +235,25 @@ struct PixelTracer<'a> {
 }
 
 impl PixelTracer<'_> {
-    /// Adds the linear radiance of some samples to `sum` and returns the number of hits. The samples
-    /// are counted from `first`, which selects their sequence.
-    fn add(&self, sum: &mut Vec3, first: u32, samples: Range<u32>) -> u32 {
+    /// Adds the linear radiance of some samples of half 0 or 1 to `sum` and returns the number of
+    /// hits. Sample i of a half takes camera ray 2 i + `half`, so that n samples in total are the
+    /// first n camera rays of the pixel's sequence, as sprites and lumigraphs trace them.
+    fn add(&self, sum: &mut Vec3, half: u32, samples: Range<u32>) -> u32 {
         let mut surfaces = 0;
         for start in samples.clone().step_by(PACKET) {
             let numbers = start..samples.end.min(start + PACKET as u32);
-            let rays: Vec<Ray> = numbers.clone().map(|i| self.ray(first + i)).collect();
+            let rays: Vec<Ray> = numbers.clone().map(|i| self.ray(2 * i + half)).collect();
             let hits = self.tracer.closest_packet(&RayPacket::from_rays(&rays));
             for (lane, number) in numbers.enumerate() {
                 let hit = hits.hit(lane);
                 surfaces += u32::from(hit.is_some());
-                *sum += self.ray_radiance(&rays[lane], hit.as_ref(), first, number);
+                *sum += self.ray_radiance(&rays[lane], hit.as_ref(), half, number);
             }
         }
         surfaces
     }
 
-    /// Returns the camera ray of sample `index`.
+    /// Returns camera ray `index` of the pixel.
     fn ray(&self, index: u32) -> Ray {
         let [dx, dy] = pixel_jitter(self.x, self.y, index).map(f64::from);
         camera_ray(
@@ -266,10 +264,10 @@ impl PixelTracer<'_> {
         )
     }
 
-    /// Returns the radiance along a ray, for sample `index` of the stratified sequence `first`, which
-    /// is independent of others.
-    fn ray_radiance(&self, ray: &Ray, hit: Option<&Hit>, first: u32, index: u32) -> Vec3 {
-        let [stream, ..] = random4([self.x, self.y, 0x11d1, first]);
+    /// Returns the radiance along a ray, for light sample `index` of a half: each half has a
+    /// stratified sequence of its own, independent of the other's.
+    fn ray_radiance(&self, ray: &Ray, hit: Option<&Hit>, half: u32, index: u32) -> Vec3 {
+        let [stream, ..] = random4([self.x, self.y, 0x11d1, half]);
         let sample = LightSample { stream, index };
         self.lighting
             .seen(self.tracer, ray, hit, self.lit.then_some(&sample))
@@ -299,5 +297,30 @@ mod tests {
             TruthSum::new(&camera).truth(&lighting).frame.color[5],
             [0, 0, 0, 255]
         );
+    }
+
+    #[test]
+    fn halves_share_out_the_first_camera_rays() {
+        let tracer = random_triangles();
+        let lighting = Lighting::measure_at(&tracer, DVec3::ZERO, 0);
+        let camera = Camera::look_at(DVec3::ZERO, DVec3::X, DVec3::Y, 60.0, [9, 7]).expect("valid");
+        let found = render(&tracer, &lighting, false, &camera, 8, &Silent);
+        for (at, radiance) in (0..).zip(&found.radiance) {
+            let pixel = PixelTracer {
+                tracer: &tracer,
+                lighting: &lighting,
+                lit: false,
+                camera: &camera,
+                x: at % 9,
+                y: at / 9,
+            };
+            let unlit = |index| {
+                let ray = pixel.ray(index);
+                lighting.seen(&tracer, &ray, tracer.closest(&ray).as_ref(), None)
+            };
+            let expected = (0..8).map(unlit).sum::<Vec3>() / 8.0;
+            // The order of summation differs.
+            assert!((expected - Vec3::from_array(*radiance)).length() < 1e-5);
+        }
     }
 }

@@ -180,6 +180,36 @@ impl Bar {
         (share, left.map(|left| left.max(stage_left)))
     }
 
+    /// Returns the share of the work that is done.
+    #[cfg(test)]
+    pub(super) fn share(&self) -> f64 {
+        self.share_done(&self.stage())
+    }
+
+    /// Sets the share of the current stage that is done, for work whose total changes.
+    pub(super) fn set_share(&self, share: f64) {
+        let total = self.stage().total;
+        let done = (share.clamp(0.0, 1.0) * total as f64) as u64;
+        self.done.store(done, Ordering::Relaxed);
+        self.show_if_due();
+    }
+
+    /// Updates the bar if an update is due.
+    fn show_if_due(&self) {
+        let now_ms = self.started.elapsed().as_millis() as u64;
+        let due_ms = self.next_update_ms.load(Ordering::Relaxed);
+        let next_ms = now_ms + UPDATE_INTERVAL.as_millis() as u64;
+        // Only one of several threads shows an update that is due.
+        let mine = now_ms >= due_ms
+            && self
+                .next_update_ms
+                .compare_exchange(due_ms, next_ms, Ordering::Relaxed, Ordering::Relaxed)
+                .is_ok();
+        if mine {
+            self.show(&mut self.stage());
+        }
+    }
+
     /// Updates the bar, or prints a line if it is time for one.
     fn show(&self, stage: &mut Stage) {
         let (share, left) = self.reported(stage);
@@ -238,18 +268,7 @@ impl Progress for Bar {
 
     fn advance(&self, steps: u64) {
         self.done.fetch_add(steps, Ordering::Relaxed);
-        let now_ms = self.started.elapsed().as_millis() as u64;
-        let due_ms = self.next_update_ms.load(Ordering::Relaxed);
-        let next_ms = now_ms + UPDATE_INTERVAL.as_millis() as u64;
-        // Only one of several threads shows an update that is due.
-        let mine = now_ms >= due_ms
-            && self
-                .next_update_ms
-                .compare_exchange(due_ms, next_ms, Ordering::Relaxed, Ordering::Relaxed)
-                .is_ok();
-        if mine {
-            self.show(&mut self.stage());
-        }
+        self.show_if_due();
     }
 }
 
@@ -342,7 +361,7 @@ mod tests {
             },
         ];
         let bar = Bar::planned(plan, true);
-        let share = || bar.share_done(&bar.stage());
+        let share = || bar.share();
         let mut shares = vec![share()];
         for part in 0..2 {
             bar.begin_part("scene", part, 2);

@@ -1,5 +1,8 @@
 //! `headbox truth`.
 
+mod goal;
+
+use self::goal::{Goal, RoundProgress};
 use crate::args::{CameraArgs, DefaultCamera, SceneArgs, parse_sides, refuse_given};
 use crate::commands::render::radiance::{is_radiance, save_radiance};
 use crate::interrupt;
@@ -24,6 +27,7 @@ use headbox_views::{LitScene, TruthView};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::sync::atomic::AtomicU64;
 use std::time::Instant;
 
 #[derive(Args)]
@@ -182,6 +186,8 @@ impl TruthCommand {
         const ROUND: u32 = 16;
         /// Time that is not worth announcing, seconds.
         const SHORT_S: f64 = 5.0;
+        /// Steps of the progress bar.
+        const STEPS: u64 = 1000;
         interrupt::keep_partial_results();
         let LitScene {
             tracer,
@@ -189,37 +195,54 @@ impl TruthCommand {
             lit,
             ..
         } = scene;
-        let samples = self.samples();
-        let rows = u64::from(camera.height());
-        let bar = Bar::new();
-        bar.begin("tracing", "rows", rows * u64::from(samples));
-        let mut sum = TruthSum::new(camera);
         let rays_start = Instant::now();
-        while sum.samples() < samples {
-            let round = sum.samples().clamp(2, ROUND).min(samples - sum.samples());
-            let progress = RoundProgress { bar: &bar, round };
+        let loading_s = (rays_start - start).as_secs_f64();
+        let goal = Goal {
+            samples: self.samples(),
+            noise_db: self.noise,
+            time_s: self
+                .time
+                .map(|time| (time - loading_s).max(f64::MIN_POSITIVE)),
+        };
+        let bar = Bar::new();
+        bar.begin("tracing", "steps", STEPS);
+        let mut sum = TruthSum::new(camera);
+        let mut expected_samples = f64::from(goal.samples);
+        while sum.samples() < goal.samples {
+            let round = sum
+                .samples()
+                .clamp(2, ROUND)
+                .min(goal.samples - sum.samples());
+            let progress = RoundProgress {
+                bar: &bar,
+                goal: &goal,
+                start: rays_start,
+                samples: [sum.samples(), round],
+                expected_samples,
+                rows: camera.height(),
+                rows_done: AtomicU64::new(0),
+            };
             if !sum.add(tracer, lighting, *lit, round, &progress) {
                 break;
             }
-            let round_s = rays_start.elapsed().as_secs_f64() / f64::from(sum.samples());
-            let all_s = round_s * f64::from(samples);
-            if sum.samples() == round
-                && self.noise.is_none()
-                && self.time.is_none()
-                && all_s > SHORT_S
-            {
+            let seconds = rays_start.elapsed().as_secs_f64();
+            let ray_s = seconds / f64::from(sum.samples());
+            let all_s = ray_s * f64::from(goal.samples);
+            let is_open = goal.noise_db.is_some() || goal.time_s.is_some();
+            if sum.samples() == round && !is_open && all_s > SHORT_S {
                 eprintln!(
-                    "note: {samples} rays per pixel take about {}",
+                    "note: {} rays per pixel take about {}",
+                    goal.samples,
                     duration(all_s)
                 );
             }
-            let next_s = round_s * f64::from(sum.samples().min(ROUND));
-            let is_late = self
-                .time
-                .is_some_and(|time| start.elapsed().as_secs_f64() + next_s > time);
-            let is_clean = self
-                .noise
-                .is_some_and(|db| sum.truth(lighting).standard_error_psnr_db >= db);
+            let next_s = ray_s * f64::from(sum.samples().min(ROUND));
+            let is_late = goal.time_s.is_some_and(|time_s| seconds + next_s > time_s);
+            let is_clean = goal.noise_db.is_some_and(|noise_db| {
+                let error_db = sum.truth(lighting).standard_error_psnr_db;
+                expected_samples = goal.expected_samples(sum.samples(), error_db);
+                error_db >= noise_db
+            });
             if is_late || is_clean {
                 break;
             }
@@ -326,24 +349,6 @@ impl Progress for SingleStage<'_> {
 
     fn is_cancelled(&self) -> bool {
         self.0.is_cancelled()
-    }
-}
-
-/// Progress of a round of `round` rays per pixel as part of one stage; an interrupt cancels it.
-struct RoundProgress<'a> {
-    bar: &'a Bar,
-    round: u32,
-}
-
-impl Progress for RoundProgress<'_> {
-    fn begin(&self, _stage: &str, _unit: &str, _total: u64) {}
-
-    fn advance(&self, rows: u64) {
-        self.bar.advance(rows * u64::from(self.round));
-    }
-
-    fn is_cancelled(&self) -> bool {
-        interrupt::is_requested()
     }
 }
 

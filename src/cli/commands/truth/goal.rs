@@ -1,0 +1,119 @@
+//! Goal of a traced frame (rays, noise, time), and progress toward it.
+
+use crate::interrupt;
+use crate::progress::Bar;
+use headbox_core::progress::Progress;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Instant;
+
+/// Conditions under which tracing ends; the first that holds ends it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Goal {
+    /// Maximum number of rays per pixel.
+    pub(super) samples: u32,
+    /// Standard error as PSNR, dB.
+    pub(super) noise_db: Option<f64>,
+    /// Time from the first ray on, seconds.
+    pub(super) time_s: Option<f64>,
+}
+
+impl Goal {
+    /// Returns the number of rays per pixel that the goal needs, estimated from the standard error,
+    /// dB, of the first `samples`: the mean squared error is inversely proportional to their number.
+    pub(super) fn expected_samples(&self, samples: u32, error_db: f64) -> f64 {
+        let most = f64::from(self.samples);
+        match self.noise_db {
+            Some(noise_db) if samples > 0 => {
+                let factor = 10f64.powf((noise_db - error_db) / 10.0);
+                (f64::from(samples) * factor).clamp(1.0, most)
+            }
+            _ => most,
+        }
+    }
+
+    /// Returns the share of the work that is done after `samples` rays per pixel of
+    /// `expected_samples`, and `seconds`: that of the condition which will hold first.
+    pub(super) fn share(&self, samples: f64, expected_samples: f64, seconds: f64) -> f64 {
+        let of_time = self.time_s.map_or(0.0, |time_s| seconds / time_s);
+        (samples / expected_samples).max(of_time).min(1.0)
+    }
+}
+
+/// Progress of a round of rays toward a goal; an interrupt cancels it.
+pub(super) struct RoundProgress<'a> {
+    pub(super) bar: &'a Bar,
+    pub(super) goal: &'a Goal,
+    /// Time of the first ray.
+    pub(super) start: Instant,
+    /// Rays per pixel before the round, and in it.
+    pub(super) samples: [u32; 2],
+    /// Expected number of rays per pixel.
+    pub(super) expected_samples: f64,
+    /// Number of rows of the frame.
+    pub(super) rows: u32,
+    /// Number of rows traced in the round.
+    pub(super) rows_done: AtomicU64,
+}
+
+impl Progress for RoundProgress<'_> {
+    fn begin(&self, _stage: &str, _unit: &str, _total: u64) {}
+
+    fn advance(&self, rows: u64) {
+        let rows = self.rows_done.fetch_add(rows, Ordering::Relaxed) + rows;
+        let [before, round] = self.samples.map(f64::from);
+        let samples = before + round * rows as f64 / f64::from(self.rows.max(1));
+        let seconds = self.start.elapsed().as_secs_f64();
+        let share = self.goal.share(samples, self.expected_samples, seconds);
+        self.bar.set_share(share);
+    }
+
+    fn is_cancelled(&self) -> bool {
+        interrupt::is_requested()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn share_follows_the_condition_that_holds_first() {
+        let goal = Goal {
+            samples: 1 << 20,
+            noise_db: Some(40.0),
+            time_s: Some(100.0),
+        };
+        // Noise falls by 3 dB per doubling: from 30 dB, ten times the rays.
+        let expected = goal.expected_samples(32, 30.0);
+        assert!((expected - 320.0).abs() < 1e-9, "{expected}");
+        assert!((goal.share(32.0, expected, 5.0) - 0.1).abs() < 1e-9);
+        assert!((goal.share(32.0, expected, 50.0) - 0.5).abs() < 1e-9);
+        assert_eq!(goal.share(400.0, expected, 5.0), 1.0);
+        assert_eq!(goal.expected_samples(0, 0.0), f64::from(1 << 20));
+        assert_eq!(goal.expected_samples(8, f64::INFINITY), 1.0);
+    }
+
+    #[test]
+    fn bar_shows_the_share_of_the_goal() {
+        let bar = Bar::new();
+        bar.begin("tracing", "steps", 1000);
+        let goal = Goal {
+            samples: 1 << 20,
+            noise_db: Some(40.0),
+            time_s: None,
+        };
+        let progress = RoundProgress {
+            bar: &bar,
+            goal: &goal,
+            start: Instant::now(),
+            samples: [32, 16],
+            expected_samples: goal.expected_samples(32, 37.0),
+            rows: 10,
+            rows_done: AtomicU64::new(0),
+        };
+        (0..5).for_each(|_| progress.advance(1));
+        // 40 of 64 rays.
+        let share = bar.share();
+        assert!((share - 0.626).abs() < 0.01, "{share}");
+    }
+}
