@@ -132,6 +132,15 @@ pub struct CellView {
     pub window: Window,
 }
 
+/// Cells that are visible from an eye.
+#[derive(Clone, Debug, PartialEq)]
+pub struct VisibleCells {
+    /// The eye's own cell first, then in depth-first order, portals by index.
+    pub views: Vec<CellView>,
+    /// False if a limit was reached, so that cells may be missing.
+    pub is_complete: bool,
+}
+
 /// Visibility of a portal from the eye.
 enum PortalVisibility {
     /// Seen from behind, or without area.
@@ -142,54 +151,57 @@ enum PortalVisibility {
     Outline(Vec<DVec3>),
 }
 
-/// Returns the cells that are visible from `eye_cell`: the eye's own first, then in depth-first
-/// order, portals by index. `open` returns true if a portal may be passed out of a cell: a walk
-/// stops where a backdrop begins.
+/// Returns the cells that are visible from `eye_cell`. `open` returns true if a portal may be passed
+/// out of a cell: a walk stops where a backdrop begins.
 pub fn visible_cells(
     model: &PortalModel,
     camera: &Camera,
     eye_cell: u32,
     limits: &Limits,
     mut open: impl FnMut(u32, &CellView) -> bool,
-) -> Vec<CellView> {
+) -> VisibleCells {
     let first = CellView {
         cell: eye_cell,
         portals: Vec::new(),
         window: Window::from_camera(camera),
     };
     let mut views = Vec::new();
+    let mut is_complete = true;
     let mut stack = vec![first];
     while let Some(view) = stack.pop() {
         if views.len() >= limits.views {
+            is_complete = false;
             break;
         }
-        if view.portals.len() < limits.depth {
-            let mut behind = Vec::new();
-            for (portal, cell) in model.portals_from(view.cell) {
-                let number = portal as u32;
-                if view.portals.contains(&number) {
-                    continue;
-                }
-                let window = match visibility(model, camera.eye(), portal, view.cell, limits) {
-                    PortalVisibility::Closed => None,
-                    PortalVisibility::Touching => Some(view.window.clone()),
-                    PortalVisibility::Outline(outline) => view.window.clip(&outline),
-                };
-                let Some(window) = window else { continue };
-                let next = CellView {
-                    cell,
-                    portals: [view.portals.as_slice(), &[number]].concat(),
-                    window,
-                };
-                if open(number, &next) {
-                    behind.push(next);
-                }
+        let mut behind = Vec::new();
+        for (portal, cell) in model.portals_from(view.cell) {
+            let number = portal as u32;
+            if view.portals.contains(&number) {
+                continue;
             }
-            stack.extend(behind.into_iter().rev());
+            let window = match visibility(model, camera.eye(), portal, view.cell, limits) {
+                PortalVisibility::Closed => None,
+                PortalVisibility::Touching => Some(view.window.clone()),
+                PortalVisibility::Outline(outline) => view.window.clip(&outline),
+            };
+            let Some(window) = window else { continue };
+            if view.portals.len() >= limits.depth {
+                is_complete = false;
+                break;
+            }
+            let next = CellView {
+                cell,
+                portals: [view.portals.as_slice(), &[number]].concat(),
+                window,
+            };
+            if open(number, &next) {
+                behind.push(next);
+            }
         }
+        stack.extend(behind.into_iter().rev());
         views.push(view);
     }
-    views
+    VisibleCells { views, is_complete }
 }
 
 /// Determines the visibility of a portal of `cell` from an eye in the cell.

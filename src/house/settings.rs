@@ -114,6 +114,9 @@ pub struct WalkStats {
     pub portals: u32,
     /// Portals that were passed because their backdrop is missing.
     pub missing: Vec<PortalSide>,
+    /// True if portal culling stopped at a limit, so that cells may be missing.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub is_culling_cut: bool,
     /// Number of pixels of the frame.
     pub pixels: u64,
     /// Number of pixels of backdrops.

@@ -254,6 +254,11 @@ impl View for HouseView {
             let why = "the eye is in no cell (inside a wall?); all cells are drawn as geometry";
             report.warnings.push(why.into());
         }
+        if self.stats.is_culling_cut {
+            let why = "more cells are visible through portals than portal culling follows; some are not drawn: look in \
+                       another direction, or merge cells";
+            report.warnings.push(why.into());
+        }
         if !request.complete && self.tour.can_improve() {
             report.refinement = Refinement::Later(POLL_INTERVAL);
             report.ongoing = Some(Ongoing {

@@ -2,7 +2,7 @@
 
 use super::backdrop::{Backdrop, BackdropKind, PortalSide};
 use super::house::House;
-use super::portal_culling::CellView;
+use super::portal_culling::{CellView, VisibleCells};
 use super::settings::WalkSettings;
 use super::store::{Key, Store};
 use crate::portal_culling;
@@ -28,6 +28,8 @@ pub(super) struct Visit {
     pub(super) boundaries: Vec<BackdropPortal>,
     /// Portals that were passed because their backdrop is missing.
     pub(super) missing: Vec<PortalSide>,
+    /// False if portal culling stopped at a limit.
+    pub(super) is_complete: bool,
 }
 
 /// Visits the cells that are visible from the eye's cell; without one, all cells are drawn as
@@ -50,10 +52,11 @@ pub(super) fn visit(
             groups: (0..house.mesh().group_count() as u32).map(whole).collect(),
             boundaries,
             missing,
+            is_complete: true,
         };
     };
     let near = settings.near.distance_m(camera);
-    let views = portal_culling::visible_cells(
+    let VisibleCells { views, is_complete } = portal_culling::visible_cells(
         house.plan(),
         camera,
         cell,
@@ -90,6 +93,7 @@ pub(super) fn visit(
         groups: group_windows(&views, camera),
         boundaries,
         missing,
+        is_complete,
     }
 }
 

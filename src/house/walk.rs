@@ -123,10 +123,12 @@ impl Walker {
             groups,
             boundaries,
             missing,
+            is_complete,
         } = visit(house, store, camera, settings, cell);
         let mut stats = WalkStats {
             cell,
             missing,
+            is_culling_cut: !is_complete,
             ..WalkStats::default()
         };
         let markers: Vec<Marker> = (0..)

@@ -138,7 +138,7 @@ fn never_culls_what_shows() {
                 [64, 48],
             );
             let Ok(camera) = camera else { continue };
-            let views = visible_cells(&model, &camera, cell, &Limits::default(), |_, _| true);
+            let views = visible_cells(&model, &camera, cell, &Limits::default(), |_, _| true).views;
             assert_eq!((views[0].cell, views[0].portals.len()), (cell, 0));
             for _ in 0..400 {
                 let direction =
@@ -177,7 +177,9 @@ fn windows_shrink_and_bound_their_pixels() {
             model.cell_at(eye).expect("inside"),
             &Limits::default(),
             |_, _| true,
-        ) {
+        )
+        .views
+        {
             let [columns, rows] = view.window.rectangle(&camera);
             for y in 0..60 {
                 for x in 0..80 {
@@ -208,7 +210,7 @@ fn cycles_end_and_limits_hold() {
         Camera::look_at(eye, dvec3(2.5, 0.5, 1.6), DVec3::Y, 120.0, [64, 48]).expect("valid");
     let cell = model.cell_at(eye).expect("inside");
     let all = visible_cells(&model, &camera, cell, &Limits::default(), |_, _| true);
-    assert!(all.len() > 4);
+    assert!(all.views.len() > 4 && all.is_complete);
     let shallow = visible_cells(
         &model,
         &camera,
@@ -219,7 +221,8 @@ fn cycles_end_and_limits_hold() {
         },
         |_, _| true,
     );
-    assert!(shallow.iter().all(|view| view.portals.len() <= 1) && shallow.len() < all.len());
+    assert!(shallow.views.iter().all(|view| view.portals.len() <= 1) && !shallow.is_complete);
+    assert!(shallow.views.len() < all.views.len());
     let few = visible_cells(
         &model,
         &camera,
@@ -230,13 +233,14 @@ fn cycles_end_and_limits_hold() {
         },
         |_, _| true,
     );
-    assert_eq!(few.len(), 2);
+    assert_eq!((few.views.len(), few.is_complete), (2, false));
     let mut refused = 0;
     let none = visible_cells(&model, &camera, cell, &Limits::default(), |_, _| {
         refused += 1;
         false
     });
-    assert_eq!((none.len(), none[0].cell, refused > 0), (1, cell, true));
+    assert_eq!((none.views.len(), none.views[0].cell), (1, cell));
+    assert!(refused > 0 && none.is_complete);
     assert_eq!(
         Window::from_camera(&camera).rectangle(&camera),
         [0..64, 0..48]

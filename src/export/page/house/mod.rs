@@ -63,11 +63,14 @@ pub(super) fn content(house: &House, first: &Camera) -> Result<Content, ExportEr
     })
 }
 
-/// Returns the cells that are visible in the first view; `None` for all.
+/// Returns the cells that are visible in the first view; `None` for all, also if culling stops at a
+/// limit.
 fn first_visible_cells(house: &House, first: &Camera) -> Option<BTreeSet<u32>> {
     let cell = house.find_cell(first.eye())?;
-    let views = visible_cells(house.plan(), first, cell, &Limits::default(), |_, _| true);
-    Some(views.iter().map(|view| view.cell).collect())
+    let found = visible_cells(house.plan(), first, cell, &Limits::default(), |_, _| true);
+    found
+        .is_complete
+        .then(|| found.views.iter().map(|view| view.cell).collect())
 }
 
 fn mesh(chunk: &Chunk, later: bool) -> Part {
