@@ -71,6 +71,8 @@ pub fn cube(set: &SpriteSet) -> Result<CubeLdi, ExportError> {
         half_size_m,
         frame: set.info.frame,
         exposure: 1.0,
+        tone: set.info.light.tone,
+        light: set.info.light.clone(),
         ahead: Some(first.camera.forward()),
         ..CaptureInfo::default()
     };

@@ -8,7 +8,7 @@ use headbox_core::light_parameters::LightParameters;
 use serde::{Deserialize, Serialize};
 
 /// Header of a capture: its parameters and measurements; stored in the `.ldi` file.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CaptureInfo {
     /// Scene, as specified on the command line.
     pub scene: String,
@@ -49,6 +49,28 @@ pub struct CaptureInfo {
     /// Holes of test frames; `None` if not measured.
     #[serde(default)]
     pub holes: Option<Holes>,
+}
+
+impl Default for CaptureInfo {
+    /// Header without light of its own: colours are stored as they are.
+    fn default() -> Self {
+        Self {
+            scene: String::new(),
+            centre: DVec3::ZERO,
+            half_size_m: 0.0,
+            frame: FileFrame::default(),
+            exposure: 0.0,
+            tone: ToneMap::default(),
+            light: LightParameters::unspecified(),
+            parameters: CaptureParameters::default(),
+            rays_traced: 0,
+            blocked_share: 0.0,
+            ahead: None,
+            up: None,
+            missing_estimate: [None; 6],
+            holes: None,
+        }
+    }
 }
 
 /// Holes of frames, measured by comparing test frames from all over the headbox with rays

@@ -12,7 +12,7 @@ use headbox_core::light_parameters::LightParameters;
 use serde::{Deserialize, Serialize};
 
 /// Source of the sprites; stored in the `.sprite` file.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SpriteInfo {
     /// The scene or the images, as given on the command line; empty if unknown.
     pub source: String,
@@ -22,6 +22,17 @@ pub struct SpriteInfo {
     /// Light that the user specified instead of the scene's.
     #[serde(default = "LightParameters::unspecified")]
     pub light: LightParameters,
+}
+
+impl Default for SpriteInfo {
+    /// Source without light of its own: colours are stored as they are.
+    fn default() -> Self {
+        Self {
+            source: String::new(),
+            frame: FileFrame::default(),
+            light: LightParameters::unspecified(),
+        }
+    }
 }
 
 /// Sprites that are drawn together, prepared for rendering.
