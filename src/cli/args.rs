@@ -134,6 +134,17 @@ pub(super) fn refuse_given(
     }
 }
 
+/// Refuses the first given flag as one for another kind of input.
+pub(super) fn refuse_misplaced(
+    kind: &str,
+    flags: impl IntoIterator<Item = (&'static str, bool)>,
+) -> Result<(), UsageError> {
+    match flags.into_iter().find(|(_, is_given)| *is_given) {
+        Some((flag, _)) => Err(UsageError(format!("{flag} is for {kind}; leave it out"))),
+        None => Ok(()),
+    }
+}
+
 /// Units of a file's lengths, metres.
 pub(super) const UNITS: Names<f64> = &[
     ("m", "", 1.0),

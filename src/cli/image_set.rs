@@ -1,5 +1,6 @@
 //! Opening of image sets, with notes on standard error.
 
+use super::args::refuse_misplaced;
 use super::messages::UsageError;
 use super::output::print_notes;
 use super::progress::Bar;
@@ -39,10 +40,8 @@ impl SetArgs {
             ("--no-registration", self.no_registration),
             ("--refine-poses", self.refine_poses),
         ];
-        match flags.into_iter().find(|(_, is_given)| *is_given && !is_set) {
-            Some((flag, _)) => Err(UsageError(format!("{flag} is for folders of images"))),
-            None => Ok(()),
-        }
+        let flags = flags.map(|(flag, is_given)| (flag, is_given && !is_set));
+        refuse_misplaced("folders of images", flags)
     }
 
     /// Opens a set, refines its poses if requested, and prints notes on standard error.

@@ -113,7 +113,6 @@ fn deep_pixels_and_flat_layers_make_the_frame() {
     let off = share_off(below, &frame);
     assert!(off < 0.05, "{off}");
     for (flag, value) in [
-        ("--agreement", "9"),
         ("--quality", "good"),
         ("--memory", "100"),
         ("--rays", "3"),
@@ -541,12 +540,30 @@ fn deep_pictures_round_trip() {
         &["capture", "bare.exr", "-o", "x.ldi", "--fov", "180"],
         "a vertical field of view of 180",
     );
-    fails(
-        dir.path(),
-        2,
-        &["capture", "builtin:bump", "-o", "x.ldi", "--fov", "90"],
-        "--fov has no meaning for a scene",
-    );
+    for (input, flag, value, kind) in [
+        ("builtin:bump", "--fov", "90", "deep EXRs without a camera"),
+        ("builtin:bump", "--agreement", "9", "folders of photographs"),
+        (
+            "builtin:bump",
+            "--backdrop",
+            "none",
+            "folders of photographs",
+        ),
+        (
+            "builtin:bump",
+            "--depth-noise",
+            "0.1",
+            "folders of images with",
+        ),
+        ("face.exr", "--agreement", "9", "folders of photographs"),
+    ] {
+        fails(
+            dir.path(),
+            2,
+            &["capture", input, "-o", "x.ldi", flag, value],
+            &format!("{flag} is for {kind}"),
+        );
+    }
     let frame = |file: &str, eye: [f64; 3]| {
         let at = text([eye[0], eye[1], eye[2] - 1.0]);
         let camera = [

@@ -137,6 +137,12 @@ fn folder_of_images_works_in_every_command() {
             &said,
         );
     }
+    fails(
+        dir.path(),
+        2,
+        &["capture", "room", "-o", "x.ldi", "--agreement", "9"],
+        "--agreement is for folders of photographs without depth",
+    );
     let (info, _) = succeeds(dir.path(), &["info", "room", "--json"]);
     let info: serde_json::Value = serde_json::from_str(&info).unwrap();
     assert_eq!(
@@ -145,6 +151,14 @@ fn folder_of_images_works_in_every_command() {
     );
     let (_, said) = succeeds(dir.path(), &["capture", "room", "-o", "room.ldi"]);
     assert!(said.contains("kept as given"), "{said}");
+    let (info, _) = succeeds(dir.path(), &["info", "room.ldi", "--json"]);
+    let info: serde_json::Value = serde_json::from_str(&info).unwrap();
+    let capture = &info["capture"];
+    // Colours of photographs are stored as they are.
+    assert_eq!(
+        (&capture["tone"], &capture["light"]["tone"]),
+        (&"srgb-clipped".into(), &"srgb-clipped".into())
+    );
     let camera = ["--size", "96x72", "--fov", "40", "--json"];
     let render = |file: &str, output: &str| {
         let (stats, _) = succeeds(

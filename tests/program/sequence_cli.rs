@@ -83,6 +83,9 @@ fn a_folder_of_photographs_becomes_sprites() {
     refused(1, &["--masks", "nowhere"], "nowhere");
     refused(1, &["--view", "5"], "choose one of the 4 views");
     refused(2, &["--eye", "0,0,0"], "--eye has no meaning for images");
+    for flag in ["--slabs", "--samples", "--bounces"] {
+        refused(2, &[flag, "2"], &format!("{flag} is for sprites of scenes"));
+    }
     fails(
         dir.path(),
         2,

@@ -34,7 +34,7 @@ pub(crate) struct MergeCommand {
     sky: Option<PathBuf>,
     /// Memory limit, MiB, at least 64; samples beyond it are spilled to a temporary file next to
     /// the output; unlimited by default
-    #[arg(long, value_name = "MB", value_parser = clap::value_parser!(u64).range(64..=1 << 24))]
+    #[arg(long, value_name = "MIB", value_parser = clap::value_parser!(u64).range(64..=1 << 24))]
     memory: Option<u64>,
     #[command(flatten)]
     packing: PackingArgs,

@@ -1,5 +1,6 @@
 //! `headbox capture FOLDER`: cube LDIs from image sets.
 
+use crate::args::refuse_misplaced;
 use crate::commands::capture::CaptureCommand;
 use crate::commands::images::SetJob;
 use crate::output::{CUBE, Outputs, peak_rss_mb, print_json, print_warnings};
@@ -14,6 +15,12 @@ use std::time::Instant;
 /// Number of pairs of neighbours that are compared while a set is captured; `headbox images`
 /// compares more.
 const CHECKED_PAIRS: usize = 4;
+
+/// Name of image sets with depth in messages.
+pub(super) const DEPTH: &str = "folders of images with depth";
+
+/// Name of image sets without depth in messages.
+pub(super) const PHOTOGRAPHS: &str = "folders of photographs without depth";
 
 impl CaptureCommand {
     /// Warps the depth images of a set into one cube, or colours it by the photo-consistency of its
@@ -32,10 +39,12 @@ impl CaptureCommand {
         }
         match &mut job {
             SetJob::Depth(job) => {
+                self.refuse_photograph_flags()?;
                 job.merge_rule = self.quality.parameters.merge_rule;
                 job.depth_noise = self.depth_noise.unwrap_or(job.depth_noise);
             }
             SetJob::Photographs(job) => {
+                refuse_misplaced(DEPTH, [self.depth_flag()])?;
                 job.agreement = self.agreement.unwrap_or(job.agreement);
                 job.backdrop = self.backdrop;
             }

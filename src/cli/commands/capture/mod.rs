@@ -18,7 +18,7 @@ pub(crate) use quality::Preset;
 pub(crate) use report::describe_aimed_rays;
 
 use super::images::is_image_set;
-use crate::args::{SceneArgs, parse_length, parse_vector, refuse_given};
+use crate::args::{SceneArgs, parse_length, parse_vector, refuse_given, refuse_misplaced};
 use crate::image_set::SetArgs;
 use crate::messages::UsageError;
 use crate::output::{
@@ -68,7 +68,7 @@ pub(crate) struct CaptureCommand {
     quality: QualityArgs,
     /// Memory limit, MiB, at least 64; samples beyond it are spilled to a temporary file next to
     /// the output; unlimited by default
-    #[arg(long, value_name = "MB", value_parser = clap::value_parser!(u64).range(64..=1 << 24))]
+    #[arg(long, value_name = "MIB", value_parser = clap::value_parser!(u64).range(64..=1 << 24))]
     memory: Option<u64>,
     /// Capture only part I of N (0/4 to 3/4, or 1/4 to 4/4) into a shard file; see `merge`
     #[arg(long, value_name = "I/N", value_parser = parse_shard)]
@@ -187,11 +187,8 @@ impl CaptureCommand {
     }
 
     fn run_deep(&self) -> anyhow::Result<()> {
-        let image_flags = [
-            ("--depth-noise", self.depth_noise.is_some()),
-            ("--agreement", self.agreement.is_some()),
-        ];
-        self.refuse_scene_flags("a deep picture", image_flags)?;
+        self.refuse_scene_flags("a deep picture", [])?;
+        self.refuse_image_flags()?;
         let place = DeepCameraOptions {
             centre: self.center,
             look_at: self.look_at,
@@ -204,7 +201,11 @@ impl CaptureCommand {
     }
 
     fn run_scene(&self) -> anyhow::Result<()> {
-        refuse_given("a scene", self.deep_flags())?;
+        refuse_misplaced(
+            "deep EXRs without a camera in the header",
+            self.deep_flags(),
+        )?;
+        self.refuse_image_flags()?;
         let start = Instant::now();
         let source = self.scene.source();
         let outputs = self.check_output(&source.name)?;
@@ -301,11 +302,32 @@ impl CaptureCommand {
         ]
     }
 
+    /// Refuses flags of image sets for another kind of input.
+    fn refuse_image_flags(&self) -> Result<(), UsageError> {
+        self.images.refuse_without_set(false)?;
+        self.refuse_photograph_flags()?;
+        refuse_misplaced(images::DEPTH, [self.depth_flag()])
+    }
+
+    /// Refuses flags of photographs without depth.
+    fn refuse_photograph_flags(&self) -> Result<(), UsageError> {
+        let flags = [
+            ("--agreement", self.agreement.is_some()),
+            ("--backdrop", self.backdrop != Backdrop::Auto),
+        ];
+        refuse_misplaced(images::PHOTOGRAPHS, flags)
+    }
+
+    /// Flag of image sets with depth only, with true if it is given.
+    fn depth_flag(&self) -> (&'static str, bool) {
+        ("--depth-noise", self.depth_noise.is_some())
+    }
+
     /// Refuses flags of scenes, and `more`, for another kind of input.
-    fn refuse_scene_flags(
+    fn refuse_scene_flags<const N: usize>(
         &self,
         kind: &str,
-        more: [(&'static str, bool); 2],
+        more: [(&'static str, bool); N],
     ) -> Result<(), UsageError> {
         let own_flags = [
             ("--shard", self.shard.is_some()),

@@ -45,8 +45,8 @@ pub(crate) struct GeometryResourceArgs {
     /// default
     #[arg(long, value_name = "PX", value_parser = clap::value_parser!(u16).range(1..=256))]
     sample_spacing: Option<u16>,
-    /// View-dependent geometry: memory for images, MB of 10^6 bytes; 1 GiB by default
-    #[arg(long, value_name = "MB", value_parser = clap::value_parser!(u32).range(1..))]
+    /// View-dependent geometry: memory for images, MiB; 1024 by default
+    #[arg(long, value_name = "MIB", value_parser = clap::value_parser!(u32).range(1..))]
     pictures_memory: Option<u32>,
 }
 
@@ -89,7 +89,7 @@ impl GeometryResourceArgs {
             },
             budget: self
                 .pictures_memory
-                .map_or(default.budget, |mb| mb as usize * 1_000_000),
+                .map_or(default.budget, |mib| (mib as usize) << 20),
             cache,
         }
     }

@@ -6,8 +6,10 @@ use super::images::is_image_set;
 use super::info::sprite_json;
 use crate::args::{
     CameraArgs, DefaultCamera, Names, SourceArgs, by_name, parse_length, refuse_given,
+    refuse_misplaced,
 };
 use crate::commands::sprite::sequence::SequenceArgs;
+use crate::messages::UsageError;
 use crate::output::{Outputs, SPRITES, has_extension, peak_rss_mb, print_json, write_text};
 use crate::progress::Bar;
 use anyhow::{Context, bail};
@@ -68,14 +70,20 @@ pub(crate) struct SpriteCommand {
     pub(super) json: bool,
 }
 
+/// Default of `--slabs`.
+const DEFAULT_SLABS: u16 = 4;
+
+/// Default of `--samples`.
+const DEFAULT_SAMPLES: u32 = 32;
+
 /// Quality of sprites captured from a scene.
 #[derive(Args)]
 pub(super) struct SpriteQualityArgs {
     /// Maximum number of sprites, 1 to 64; the view is cut at its widest gaps of depth
-    #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u16).range(1..=64))]
+    #[arg(long, value_name = "N", default_value_t = DEFAULT_SLABS, value_parser = clap::value_parser!(u16).range(1..=64))]
     slabs: u16,
     /// Rays per pixel
-    #[arg(long, value_name = "N", default_value_t = 32, value_parser = clap::value_parser!(u32).range(1..=65_536))]
+    #[arg(long, value_name = "N", default_value_t = DEFAULT_SAMPLES, value_parser = clap::value_parser!(u32).range(1..=65_536))]
     samples: u32,
     /// Diffuse bounces of light after direct light, 0 to 64
     #[arg(long, value_name = "B", default_value_t = CaptureParameters::DEFAULT.bounces, value_parser = clap::value_parser!(u32).range(0..=64))]
@@ -207,8 +215,12 @@ impl SpriteCommand {
         }
         self.sequence.refuse_without_set()?;
         match (&self.scene, &self.import.color) {
-            (_, Some(color)) => self.import(color),
+            (_, Some(color)) => {
+                self.quality.refuse()?;
+                self.import(color)
+            }
             (Some(file), None) if has_extension(Path::new(file), "sprite") => {
+                self.quality.refuse()?;
                 if self.range.is_some() {
                     bail_usage!("--range needs a scene: a .sprite file has no truth");
                 }
@@ -342,8 +354,8 @@ impl SpriteCommand {
     fn sequence_sprites(&self, name: &str) -> anyhow::Result<SpriteSet> {
         // Images have their own cameras and light.
         let flags = self.source.given_flags().into_iter();
-        let flags = flags.chain(self.camera.given_flags());
-        refuse_given("images", flags.chain([("--unlit", self.quality.unlit)]))?;
+        refuse_given("images", flags.chain(self.camera.given_flags()))?;
+        self.quality.refuse()?;
         let (layers, frame) = self.sequence.layers(name, self.range.as_deref())?;
         if !self.json {
             eprintln!("{} with {}", layers.used[0], layers.used[1..].join(", "));
@@ -356,6 +368,22 @@ impl SpriteCommand {
             ..SpriteInfo::default()
         };
         Ok(sprites)
+    }
+}
+
+impl SpriteQualityArgs {
+    /// Refuses these arguments for input that is not a scene.
+    fn refuse(&self) -> Result<(), UsageError> {
+        let flags = [
+            ("--slabs", self.slabs != DEFAULT_SLABS),
+            ("--samples", self.samples != DEFAULT_SAMPLES),
+            (
+                "--bounces",
+                self.bounces != CaptureParameters::DEFAULT.bounces,
+            ),
+            ("--unlit", self.unlit),
+        ];
+        refuse_misplaced("sprites of scenes", flags)
     }
 }
 

@@ -1,5 +1,6 @@
 //! `headbox sprite FOLDER`: sprites of a sequence of photographs.
 
+use crate::args::refuse_misplaced;
 use crate::commands::report::images::{SheetWriter, write_report};
 use crate::image_set::SetArgs;
 use crate::messages::UsageError;
@@ -52,12 +53,7 @@ impl SequenceArgs {
             ("--masks", self.masks.is_some()),
             ("--own-depth", self.own_depth),
         ];
-        match given.into_iter().find(|(_, is_given)| *is_given) {
-            Some((flag, _)) => Err(UsageError(format!(
-                "{flag} is for folders of images; leave it out"
-            ))),
-            None => Ok(()),
-        }
+        refuse_misplaced("folders of images", given)
     }
 
     /// Segments a folder of images into layers; returns its axes and unit, too. Measures the layers
