@@ -1,7 +1,9 @@
 #!/usr/bin/env python3
 """Looks around in the page of a cube LDI as people do, in headless Chromium: mouse, wheel, fingers, keys, a link, a phone's sensors.
 
-    controls.py URL
+    controls.py URL [PICTURE.png]
+
+PICTURE.png receives the page as it is first seen.
 """
 import math
 import sys
@@ -9,6 +11,7 @@ import time
 
 from page import STATE, WAIT_S, Chromium
 
+HINT = "((hint) => (hint?.checkVisibility() ? hint.innerText : ''))(document.getElementById('hint'))"
 VIEW = "[headbox.view.eye, headbox.view.forward, headbox.view.fov]"
 
 
@@ -19,16 +22,55 @@ def heading(forward):
 def main():
     page = Chromium()
     try:
+        page.call("Emulation.setDeviceMetricsOverride", width=640, height=480, deviceScaleFactor=1, mobile=False)
+        load(page)
+        press_keys(page)
         page.call("Emulation.setDeviceMetricsOverride", width=360, height=640, deviceScaleFactor=1, mobile=True)
         page.call("Emulation.setTouchEmulationEnabled", enabled=True, maxTouchPoints=2)
-        page.call("Page.navigate", url=sys.argv[1])
-        started = time.time()
-        while "is loaded" not in str((page.evaluate(STATE) or ["", "", ""])[2]):
-            assert time.time() - started < WAIT_S, "the page does not load"
-            time.sleep(0.2)
+        load(page)
+        assert "two fingers" in page.evaluate(HINT), "fingers have a hint of their own"
         look_around(page)
     finally:
         page.close()
+
+
+def load(page):
+    page.call("Page.navigate", url="about:blank")
+    page.call("Page.navigate", url=sys.argv[1])
+    started = time.time()
+    while "is loaded" not in str((page.evaluate(STATE) or ["", "", ""])[2]):
+        assert time.time() - started < WAIT_S, "the page does not load"
+        time.sleep(0.2)
+    if len(sys.argv) > 2:
+        page.shoot(sys.argv[2])
+
+
+def press_keys(page):
+    """Keys work before any click, and after clicks on buttons, which keep the focus."""
+    hint, keys_shown = page.evaluate(HINT), "!document.getElementById('keys').hidden"
+    assert "WASD" in hint and "two fingers" not in hint, f"a hint at first: {hint}"
+
+    def press(code, key, moves=True):
+        before = page.evaluate(VIEW)
+        page.call("Input.dispatchKeyEvent", type="keyDown", code=code, key=key)
+        started = time.time()
+        while moves and page.evaluate(VIEW) == before and time.time() - started < 20:
+            time.sleep(0.1)  # Frames take long without a GPU.
+        page.call("Input.dispatchKeyEvent", type="keyUp", code=code, key=key)
+        return before != page.evaluate(VIEW)
+
+    assert press("KeyS", "s"), "keys work without a click"
+    assert page.evaluate(HINT) == "", "the hint goes with the first input"
+    for button in "link", "help":
+        box = f"(({{x, y, width, height}}) => [x + width / 2, y + height / 2])(document.getElementById('{button}').getBoundingClientRect())"
+        x, y = page.evaluate(box)
+        for kind in "mousePressed", "mouseReleased":
+            page.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=1, clickCount=1)
+        assert page.evaluate("document.activeElement.id") == button
+        assert press("ArrowLeft", "ArrowLeft") and press("KeyW", "w"), f"keys work after a click on {button}"
+    assert page.evaluate(keys_shown), "the button shows the keys"
+    press("Slash", "?", moves=False)
+    assert not page.evaluate(keys_shown), "? hides and shows the keys"
 
 
 def look_around(page):
@@ -48,7 +90,6 @@ def look_around(page):
     page.call("Input.dispatchTouchEvent", type="touchEnd", touchPoints=[])
     assert abs(view()[2] - fov / 2) < 0.1, "fingers twice as far apart see half as much"
     half, steps = page.evaluate("headbox.header.halfSize"), [0.0]
-    page.evaluate("document.getElementById('canvas').focus()")
     page.call("Input.dispatchKeyEvent", type="keyDown", code="KeyW", key="w")
     while steps[-1] < half * 0.999 and len(steps) < 60:
         time.sleep(0.5)

@@ -11,9 +11,10 @@ export class Controls {
     canvas.addEventListener('pointermove', (event) => this.drag(event));
     for (const end of ['pointerup', 'pointercancel']) canvas.addEventListener(end, ({ pointerId }) => this.fingers.delete(pointerId));
     canvas.addEventListener('wheel', (event) => this.wheel(event), { passive: false });
-    canvas.addEventListener('keydown', (event) => this.key(event));
-    canvas.addEventListener('keyup', ({ code }) => this.keys.delete(code));
-    canvas.addEventListener('blur', () => this.keys.clear());
+    // Keys work wherever the focus is: on nothing, on the canvas, or on a button that was clicked.
+    addEventListener('keydown', (event) => this.key(event));
+    addEventListener('keyup', ({ code }) => this.keys.delete(code));
+    addEventListener('blur', () => this.keys.clear());
   }
 
   /** Radians for one pixel of the page. */

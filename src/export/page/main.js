@@ -47,10 +47,16 @@ class Page {
       say('A link to this view has been copied.');
     });
     click('full', () => (document.fullscreenElement ? document.exitFullscreen() : document.documentElement.requestFullscreen()));
-    click('help', () => {
-      const open = byId('keys').toggleAttribute('hidden');
-      byId('help').setAttribute('aria-expanded', String(!open));
+    const showKeys = (open) => {
+      byId('keys').hidden = !open;
+      byId('help').setAttribute('aria-expanded', String(open));
+    };
+    click('help', () => showKeys(byId('keys').hidden));
+    addEventListener('keydown', ({ key }) => {
+      if (key === '?') showKeys(byId('keys').hidden);
+      else if (key === 'Escape') showKeys(false);
     });
+    for (const input of ['pointerdown', 'wheel', 'keydown']) addEventListener(input, () => (byId('hint').hidden = true), { once: true });
     click('gyroscope', () => this.controls.toggleGyroscope());
     byId('gyroscope').hidden = !('DeviceOrientationEvent' in globalThis && matchMedia('(pointer: coarse)').matches);
     click('headset', async () => {
