@@ -16,6 +16,7 @@ use exr::prelude::{
 };
 use headbox_core::camera::{Camera, CameraError};
 use headbox_core::cube_face::Face;
+use headbox_core::progress::Progress;
 use headbox_cube::pack::CubeLdi;
 use headbox_images::deep_exr::{DeepChannel, DeepCompression, DeepImage, DeepKind, DeepView};
 use rayon::prelude::*;
@@ -70,8 +71,13 @@ pub struct DeepSummary {
 ///
 /// # Errors
 /// [`ExportError::Empty`], [`ExportError::Io`].
-pub fn write(cube: &CubeLdi, faces: Faces, to: &mut dyn Write) -> Result<DeepSummary, ExportError> {
-    let stacks = stacks(cube, faces)?;
+pub fn write(
+    cube: &CubeLdi,
+    faces: Faces,
+    progress: &dyn Progress,
+    to: &mut dyn Write,
+) -> Result<DeepSummary, ExportError> {
+    let stacks = stacks(cube, faces, progress)?;
     let mut offsets = vec![0u32];
     for face in &stacks {
         let before = offsets[offsets.len() - 1];
@@ -124,9 +130,10 @@ pub fn write_layers(
     cube: &CubeLdi,
     faces: Faces,
     layers: usize,
+    progress: &dyn Progress,
     to: &mut dyn Write,
 ) -> Result<DeepSummary, ExportError> {
-    let stacks = stacks(cube, faces)?;
+    let stacks = stacks(cube, faces, progress)?;
     let size_px = [cube.face_size_px, cube.face_size_px * stacks.len() as u32];
     let size = exr::math::Vec2(size_px[0] as usize, size_px[1] as usize);
     let view = faces.view(cube)?;
@@ -161,14 +168,22 @@ pub fn write_layers(
     })
 }
 
-fn stacks(cube: &CubeLdi, faces: Faces) -> Result<Vec<Stacks>, ExportError> {
+fn stacks(
+    cube: &CubeLdi,
+    faces: Faces,
+    progress: &dyn Progress,
+) -> Result<Vec<Stacks>, ExportError> {
     super::check_memory(cube)?;
+    let faces = faces.list();
+    progress.begin("sorting samples", "faces", 1 + faces.len() as u64);
     let cube = &pieces::with_merged_coverage(cube);
-    let stacks: Vec<Stacks> = faces
-        .list()
-        .into_par_iter()
-        .map(|face| Stacks::new(cube, face))
-        .collect();
+    progress.advance(1);
+    let face_stacks = |face| {
+        let stacks = Stacks::new(cube, face);
+        progress.advance(1);
+        stacks
+    };
+    let stacks: Vec<Stacks> = faces.into_par_iter().map(face_stacks).collect();
     if stacks.iter().all(|face| face.samples.is_empty()) {
         Err(ExportError::Empty)
     } else {

@@ -51,6 +51,15 @@ pub enum ExportError {
         /// Limit, bytes.
         limit: u64,
     },
+    /// No file can be as small as the budget.
+    #[error(
+        "the budget is too small: the smallest file has {:.3} MB; give a larger --mb",
+        *least_bytes as f64 / 1e6
+    )]
+    Budget {
+        /// Size of the smallest file, bytes.
+        least_bytes: u64,
+    },
     /// The sprites were taken from several positions.
     #[error(
         "its sprites were taken from several places, and only sprites of one eye can be exported; export them one by one"
@@ -129,7 +138,8 @@ fn png(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mesh::glb;
+    use crate::mesh::glb::{self, GlbBudget};
+    use headbox_core::progress::Silent;
     use headbox_cube::pack::{PlaneSet, SplatIndexLayout};
 
     /// Memory that nobody touches is not there.
@@ -152,9 +162,9 @@ mod tests {
         let cube = of_texels((1 << 28) + 1);
         let mut out = Vec::new();
         let errors = [
-            glb::write(&cube, 1000, &mut out).map(drop),
-            deep::write(&cube, deep::Faces::All, &mut out).map(drop),
-            deep::write_layers(&cube, deep::Faces::All, 2, &mut out).map(drop),
+            glb::write(&cube, GlbBudget::default(), &Silent, &mut out).map(drop),
+            deep::write(&cube, deep::Faces::All, &Silent, &mut out).map(drop),
+            deep::write_layers(&cube, deep::Faces::All, 2, &Silent, &mut out).map(drop),
         ];
         for error in errors {
             assert!(
@@ -167,7 +177,7 @@ mod tests {
         let mut cube = of_texels((1 << 30) + 1);
         // Something is there.
         cube.planes.tiles.push(bytemuck::Zeroable::zeroed());
-        let error = page::Page::new(&cube, "large")
+        let error = page::Page::new(&cube, "large", &Silent)
             .map(drop)
             .unwrap_err()
             .to_string();

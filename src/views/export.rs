@@ -1,13 +1,14 @@
 //! Exports of the built-in representations.
 
 use crate::{TruthView, ViewError};
+use headbox_core::progress::Progress;
 use headbox_core::view::View;
 use headbox_cube::pack::CubeLdi;
 use headbox_export::deep::{self, DeepSummary, Faces};
 use headbox_export::from_sprites;
-use headbox_export::mesh::glb;
+use headbox_export::mesh::glb::{self, GlbBudget, GlbSummary};
 use headbox_export::page::Page;
-use headbox_export::points::{ply, splats};
+use headbox_export::points::{PointBudget, PointSummary, ply, splats};
 use headbox_house::view::HouseView;
 use headbox_house::walk_path::WalkPath;
 use headbox_lumigraph::view::LumigraphView;
@@ -27,8 +28,12 @@ pub struct Exporter {
 }
 
 /// Function that exports a view.
-pub type WriteView =
-    fn(&dyn View, &ExportOptions, &mut dyn Write) -> Result<ExportSummary, ViewError>;
+pub type WriteView = fn(
+    &dyn View,
+    &ExportOptions,
+    &dyn Progress,
+    &mut dyn Write,
+) -> Result<ExportSummary, ViewError>;
 
 /// Options of exports; a format ignores those of other formats.
 #[derive(Clone, Debug)]
@@ -37,6 +42,10 @@ pub struct ExportOptions {
     pub title: String,
     /// Maximum number of triangles of a `.glb`.
     pub triangles: u64,
+    /// Maximum number of Gaussians or points of a `.ply`.
+    pub gaussians: Option<u64>,
+    /// Maximum size of a `.glb` or `.ply`, bytes.
+    pub bytes: Option<u64>,
     /// Plain points instead of Gaussians in a `.ply`.
     pub points: bool,
     /// Number of flat layers of an `.exr`; `None` for deep data.
@@ -56,19 +65,19 @@ pub struct ExportSummary {
     pub warnings: Vec<String>,
 }
 
-pub(super) const CUBE: [Exporter; 4] = cube_exporters(|view, options, to| {
-    Page::new(cube(view)?.as_ref(), &options.title)?.write(to)?;
+pub(super) const CUBE: [Exporter; 4] = cube_exporters(|view, options, progress, to| {
+    Page::new(cube(view)?.as_ref(), &options.title, progress)?.write(to)?;
     Ok(ExportSummary::default())
 });
 
-pub(super) const SPRITES: [Exporter; 4] = cube_exporters(|view, options, to| {
-    Page::from_sprites(sprites(view)?, &options.title)?.write(to)?;
+pub(super) const SPRITES: [Exporter; 4] = cube_exporters(|view, options, progress, to| {
+    Page::from_sprites(sprites(view)?, &options.title, progress)?.write(to)?;
     Ok(ExportSummary::default())
 });
 
 pub(super) const LUMIGRAPH: [Exporter; 1] = [Exporter {
     extension: "html",
-    write: |view, options, to| {
+    write: |view, options, progress, to| {
         let slabs = downcast::<LumigraphView>(view)?.slabs();
         let [single] = slabs.all() else {
             return Err(ViewError::Other(format!(
@@ -76,7 +85,7 @@ pub(super) const LUMIGRAPH: [Exporter; 1] = [Exporter {
                 slabs.all().len()
             )));
         };
-        Page::from_lumigraph(single, &options.title)?.write(to)?;
+        Page::from_lumigraph(single, &options.title, progress)?.write(to)?;
         Ok(ExportSummary::default())
     },
 }];
@@ -84,11 +93,11 @@ pub(super) const LUMIGRAPH: [Exporter; 1] = [Exporter {
 /// Exporters of houses: pages, without backdrops.
 pub(super) const HOUSE: [Exporter; 1] = [Exporter {
     extension: "html",
-    write: |view, options, to| {
+    write: |view, options, progress, to| {
         let house = downcast::<HouseView>(view)?.house();
         let first =
             WalkPath::first_view(house).map_err(|error| ViewError::Other(error.to_string()))?;
-        Page::from_house(house, &first, &options.title)?.write(to)?;
+        Page::from_house(house, &first, &options.title, progress)?.write(to)?;
         Ok(ExportSummary::default())
     },
 }];
@@ -118,43 +127,95 @@ const fn cube_exporters(page: WriteView) -> [Exporter; 4] {
 fn write_glb(
     view: &dyn View,
     options: &ExportOptions,
+    progress: &dyn Progress,
     to: &mut dyn Write,
 ) -> Result<ExportSummary, ViewError> {
-    let summary = glb::write(cube(view)?.as_ref(), options.triangles, to)?;
-    let (triangles, error_px, dropped) =
-        (summary.triangles, summary.error_px, summary.dropped_samples);
+    let budget = GlbBudget {
+        triangles: options.triangles,
+        bytes: options.bytes,
+    };
+    let GlbSummary {
+        triangles,
+        error_px,
+        dropped_samples,
+        texel_px,
+    } = glb::write(cube(view)?.as_ref(), budget, progress, to)?;
     let warning = format!(
-        "{dropped} samples, in the smallest pieces of surfaces, are left out to stay within the budget; give more \
-         --triangles, or capture with a smaller --face-size"
+        "{dropped_samples} samples, in the smallest pieces of surfaces, are left out to stay within the budget; give more \
+         --triangles or --mb, or capture with a smaller --face-size"
     );
+    let textures = if texel_px > 1.0 {
+        format!(", texels {texel_px:.1} face pixels wide")
+    } else {
+        String::new()
+    };
     Ok(ExportSummary {
-        details: format!(", {triangles} triangles, samples off by up to {error_px:.1} face pixels"),
+        details: format!(
+            ", {triangles} triangles, samples off by up to {error_px:.1} face pixels{textures}"
+        ),
         figures: vec![
             ("triangles", triangles.into()),
             ("error_px", error_px.into()),
-            ("dropped_samples", dropped.into()),
+            ("dropped_samples", dropped_samples.into()),
+            ("texel_px", texel_px.into()),
         ],
-        warnings: (dropped > 0).then_some(warning).into_iter().collect(),
+        warnings: (dropped_samples > 0)
+            .then_some(warning)
+            .into_iter()
+            .collect(),
     })
 }
 
 fn write_ply(
     view: &dyn View,
     options: &ExportOptions,
+    progress: &dyn Progress,
     to: &mut dyn Write,
 ) -> Result<ExportSummary, ViewError> {
     let cube = cube(view)?;
-    if options.points {
-        ply::write_points(&cube, to)?;
+    let budget = PointBudget {
+        points: options.gaussians,
+        bytes: options.bytes,
+    };
+    let (kind, summary) = if options.points {
+        ("points", ply::write_points(&cube, budget, progress, to)?)
     } else {
-        splats::write_ply(&cube, to)?;
-    }
-    Ok(ExportSummary::default())
+        ("Gaussians", splats::write_ply(&cube, budget, progress, to)?)
+    };
+    let PointSummary {
+        points,
+        samples,
+        dropped_samples,
+        error_levels,
+    } = summary;
+    let reduced = if points < samples {
+        format!(" of {samples} samples, colours off by {error_levels:.1} levels (RMS, estimated)")
+    } else {
+        String::new()
+    };
+    let warning = format!(
+        "{dropped_samples} samples, those that the headbox sees least, are left out to stay within the budget; give more \
+         --gaussians or --mb"
+    );
+    Ok(ExportSummary {
+        details: format!(", {points} {kind}{reduced}"),
+        figures: vec![
+            ("points", points.into()),
+            ("samples", samples.into()),
+            ("dropped_samples", dropped_samples.into()),
+            ("error_levels", error_levels.into()),
+        ],
+        warnings: (dropped_samples > 0)
+            .then_some(warning)
+            .into_iter()
+            .collect(),
+    })
 }
 
 fn write_exr(
     view: &dyn View,
     options: &ExportOptions,
+    progress: &dyn Progress,
     to: &mut dyn Write,
 ) -> Result<ExportSummary, ViewError> {
     let cube = cube(view)?;
@@ -162,8 +223,8 @@ fn write_exr(
         samples,
         size_px: [width, height],
     } = match options.layers {
-        Some(layers) => deep::write_layers(&cube, options.faces, layers, to)?,
-        None => deep::write(&cube, options.faces, to)?,
+        Some(layers) => deep::write_layers(&cube, options.faces, layers, progress, to)?,
+        None => deep::write(&cube, options.faces, progress, to)?,
     };
     let layers = options
         .layers

@@ -242,6 +242,77 @@ fn exports_are_whole_and_repeatable() {
 }
 
 #[test]
+fn exports_meet_their_budgets() {
+    let dir = tempfile::tempdir().unwrap();
+    capture(dir.path());
+    let export = |output: &str, more: &[&str]| {
+        let usual = ["export", "a.ldi", "-o", output, "--json"];
+        json(dir.path(), &[usual.as_slice(), more].concat())
+    };
+    let read = |name: &str| std::fs::read(dir.path().join(name)).unwrap();
+    let all = export("all.ply", &[]);
+    let samples = all["samples"].as_u64().unwrap();
+    assert_eq!(
+        (all["points"].as_u64(), all["error_levels"].as_f64()),
+        (Some(samples), Some(0.0))
+    );
+    export("more.ply", &["--gaussians", "1000000", "--mb", "1000"]);
+    assert!(read("all.ply") == read("more.ply"));
+    for divisor in [2, 10, 100] {
+        let budget = (samples / divisor).to_string();
+        let told = export("few.ply", &["--gaussians", &budget]);
+        assert!(
+            told["points"].as_u64().unwrap() <= samples / divisor,
+            "{told}"
+        );
+        assert!(told["error_levels"].as_f64().unwrap() > 0.0, "{told}");
+    }
+    export("all.glb", &[]);
+    let whole = read("all.glb").len();
+    export("more.glb", &["--mb", "1000"]);
+    assert!(read("all.glb") == read("more.glb"));
+    for (output, share) in [("few.glb", 0.5), ("few.glb", 0.2), ("few.ply", 0.1)] {
+        let megabytes = format!("{:.6}", whole as f64 * share / 1e6);
+        let told = export(output, &["--mb", &megabytes]);
+        let bytes = told["bytes"].as_f64().unwrap();
+        assert!(bytes <= whole as f64 * share && bytes > 0.0, "{told}");
+    }
+    for (output, option, value, message) in [
+        (
+            "x.ply",
+            "--gaussians",
+            "0",
+            "give a number of Gaussians, at least 1",
+        ),
+        (
+            "x.glb",
+            "--triangles",
+            "0",
+            "give a number of triangles, at least 2",
+        ),
+        ("x.ply", "--mb", "0", "give MB above 0"),
+        ("x.glb", "--gaussians", "9", "--gaussians is for .ply files"),
+        ("x.html", "--mb", "9", "--mb is for .glb and .ply files"),
+    ] {
+        fails(
+            dir.path(),
+            2,
+            &["export", "a.ldi", "-o", output, option, value],
+            message,
+        );
+    }
+    for output in ["x.ply", "x.glb"] {
+        fails(
+            dir.path(),
+            1,
+            &["export", "a.ldi", "-o", output, "--mb", "0.0001"],
+            "the budget is too small: the smallest file has",
+        );
+        assert!(!dir.path().join(output).exists());
+    }
+}
+
+#[test]
 fn sprites_are_exported() {
     let dir = tempfile::tempdir().unwrap();
     let camera = [

@@ -114,7 +114,7 @@ const DIRECTIONS: Representation = Representation {
     settings,
     exporters: &[Exporter {
         extension: "ply",
-        write: |view, options, to| {
+        write: |view, options, _, to| {
             writeln!(to, "{} of {}", options.title, view.kind())?;
             Ok(ExportSummary::default())
         },

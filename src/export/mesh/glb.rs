@@ -2,24 +2,13 @@
 //! them.
 
 use crate::ExportError;
-use crate::mesh;
-use crate::mesh::TexturedQuads;
-use crate::mesh::atlas;
-use crate::mesh::atlas::{AtlasPicture, PAGE_PX};
-use crate::mesh::sheets;
-use crate::points::surfels;
-use glam::DVec3;
-use headbox_core::cube_face::Face;
+use crate::mesh::glb_file::File;
+use crate::mesh::{self, TexturedQuads, resample, sheets};
 use headbox_core::headbox::Headbox;
-use headbox_core::image::codec::PictureError;
+use headbox_core::progress::Progress;
 use headbox_cube::model::samples::CubeSamples;
 use headbox_cube::pack::{CubeLdi, Split};
 use headbox_cube::planes as primitives;
-use headbox_scene::load::HEADBOX_HALF_SIZE;
-use image::ExtendedColorType;
-use image::codecs::jpeg::JpegEncoder;
-use image::codecs::png::CompressionType;
-use serde_json::{Value, json};
 use std::io::Write;
 
 /// Smallest error bound of quadrilaterals, face pixels. Each further bound is [`GROWTH`] times the
@@ -30,13 +19,31 @@ const GROWTH: f64 = 1.1;
 const ERRORS: i32 = 68;
 /// Error bound of plane textures for a capture without them, px.
 const PLANES_ERROR_PX: f64 = 1.0;
-/// Alpha below which texels are not drawn. Where two surfaces meet, each has a half-transparent
-/// rim; with 0.5 the background would show between them.
-const ALPHA_CUTOFF: f64 = 0.35;
-/// JPEG quality of opaque textures.
-const JPEG_QUALITY: u8 = 92;
-/// PNG effort of textures with holes; the highest takes twice as long for 2 % fewer bytes.
-const PNG_EFFORT: CompressionType = CompressionType::Default;
+
+/// Resolutions of textures within a budget of bytes, finest first: width and height are divided by
+/// [`TEXTURE_STEP`] to these powers.
+const TEXTURE_STEPS: i32 = 20;
+const TEXTURE_STEP: f64 = 1.19;
+/// Bytes of a triangle: half of a quadrilateral's four vertices and six indices.
+const TRIANGLE_BYTES: u64 = (4 * (3 * 4 + 2 * 2) + 6 * 2) / 2;
+
+/// Budget of a file.
+#[derive(Clone, Copy, Debug)]
+pub struct GlbBudget {
+    /// Maximum number of triangles, not counting the environment's.
+    pub triangles: u64,
+    /// Maximum size of the file, bytes.
+    pub bytes: Option<u64>,
+}
+
+impl Default for GlbBudget {
+    fn default() -> Self {
+        Self {
+            triangles: 200_000,
+            bytes: None,
+        }
+    }
+}
 
 /// Summary of an exported capture.
 #[derive(Clone, Copy, Debug)]
@@ -47,13 +54,22 @@ pub struct GlbSummary {
     pub error_px: f64,
     /// Number of samples dropped to stay within the budget.
     pub dropped_samples: u64,
+    /// Width of a texel, face pixels: 1 unless the budget of bytes is smaller.
+    pub texel_px: f64,
 }
 
-/// Writes a cube LDI with at most `budget` triangles, not counting the environment's.
+/// Writes a cube LDI within a budget: the bound of errors is the smallest that the triangles allow.
+/// Of a budget of bytes, triangles take at most half; then textures get the finest resolution that
+/// fits.
 ///
 /// # Errors
 /// [`ExportError`].
-pub fn write(cube: &CubeLdi, budget: u64, to: &mut dyn Write) -> Result<GlbSummary, ExportError> {
+pub fn write(
+    cube: &CubeLdi,
+    budget: GlbBudget,
+    progress: &dyn Progress,
+    to: &mut dyn Write,
+) -> Result<GlbSummary, ExportError> {
     crate::check_memory(cube)?;
     let with_planes;
     let cube = if cube.planes.tiles.is_empty() && cube.depth_pixel_count() > 0 {
@@ -67,29 +83,101 @@ pub fn write(cube: &CubeLdi, budget: u64, to: &mut dyn Write) -> Result<GlbSumma
     } else {
         cube
     };
-    let (mut charts, sheets) = (mesh::plane_charts(cube), sheets::sheets(cube));
-    let left = budget.saturating_sub(triangles(&charts));
-    let (error_px, cut) = least_error(left, |error_px| mesh::sheet_charts(cube, &sheets, error_px));
+    let (plane_charts, sheets) = (mesh::plane_charts(cube), sheets::sheets(cube));
+    let in_half = |bytes: u64| bytes / (2 * TRIANGLE_BYTES);
+    let most = budget.bytes.map_or(u64::MAX, in_half).min(budget.triangles);
+    let left = most.saturating_sub(triangles(&plane_charts));
+    progress.begin(
+        "fitting quadrilaterals",
+        "bounds",
+        u64::from(ERRORS.ilog2()) + 2,
+    );
+    let (error_px, cut) = least_error(left, |error_px| {
+        let charts = mesh::sheet_charts(cube, &sheets, error_px);
+        progress.advance(1);
+        charts
+    });
+    let mut charts = plane_charts;
     charts.extend(cut);
-    let dropped_samples = drop_smallest(&mut charts, budget);
-    let mut file = File::default();
-    file.add_charts(&charts)?;
-    file.add_environment(cube)?;
-    if file.primitives.is_empty() {
-        return Err(ExportError::Empty);
-    }
-    file.write(
-        Headbox {
-            centre: cube.info.centre,
-            half_size_m: cube.info.half_size_m,
-        },
-        to,
-    )?;
+    let dropped_samples = drop_smallest(&mut charts, most);
+    let bytes = budget.bytes.unwrap_or(u64::MAX);
+    let steps = u64::from(TEXTURE_STEPS.ilog2()) + 2;
+    progress.begin(
+        "encoding textures",
+        "resolutions",
+        if bytes == u64::MAX { 1 } else { steps },
+    );
+    let (texel_px, file) = finest_textures(bytes, |texel_px| {
+        let file = textured_file(cube, &charts, texel_px);
+        progress.advance(1);
+        file
+    })?;
+    to.write_all(&file)?;
     Ok(GlbSummary {
         triangles: triangles(&charts),
         error_px,
         dropped_samples,
+        texel_px,
     })
+}
+
+/// Returns the bytes of a file whose textures have texels of a width in face pixels.
+fn textured_file(
+    cube: &CubeLdi,
+    charts: &[TexturedQuads],
+    texel_px: f64,
+) -> Result<Vec<u8>, ExportError> {
+    let coarse;
+    let charts = if texel_px > 1.0 {
+        coarse = resample::charts(charts, texel_px);
+        &coarse
+    } else {
+        charts
+    };
+    let mut file = File::default();
+    file.add_charts(charts)?;
+    file.add_environment(cube, texel_px)?;
+    if file.is_empty() {
+        return Err(ExportError::Empty);
+    }
+    file.into_bytes(Headbox {
+        centre: cube.info.centre,
+        half_size_m: cube.info.half_size_m,
+    })
+}
+
+/// Finds the smallest texels with which a file has at most `budget` bytes; returns their width and
+/// the file.
+///
+/// # Errors
+/// Those of `file`, or [`ExportError::Budget`] if no file is so small.
+fn finest_textures(
+    budget: u64,
+    file: impl Fn(f64) -> Result<Vec<u8>, ExportError>,
+) -> Result<(f64, Vec<u8>), ExportError> {
+    let texel_px = |i: i32| TEXTURE_STEP.powi(i);
+    let first = file(1.0)?;
+    if first.len() as u64 <= budget {
+        return Ok((1.0, first));
+    }
+    let last = file(texel_px(TEXTURE_STEPS))?;
+    if last.len() as u64 > budget {
+        return Err(ExportError::Budget {
+            least_bytes: last.len() as u64,
+        });
+    }
+    // Bisection: the first texels are too fine, the last ones fit.
+    let (mut fine, mut found) = (0, (TEXTURE_STEPS, last));
+    while found.0 - fine > 1 {
+        let middle = i32::midpoint(fine, found.0);
+        let made = file(texel_px(middle))?;
+        if made.len() as u64 <= budget {
+            found = (middle, made);
+        } else {
+            fine = middle;
+        }
+    }
+    Ok((texel_px(found.0), found.1))
 }
 
 fn triangles(charts: &[TexturedQuads]) -> u64 {
@@ -141,227 +229,4 @@ fn drop_smallest(charts: &mut Vec<TexturedQuads>, budget: u64) -> u64 {
         .drain(kept..)
         .map(|chart| u64::from(chart.samples))
         .sum()
-}
-
-/// GLB file under construction.
-#[derive(Default)]
-struct File {
-    bytes: Vec<u8>,
-    views: Vec<Value>,
-    accessors: Vec<Value>,
-    images: Vec<Value>,
-    materials: Vec<Value>,
-    primitives: Vec<Value>,
-}
-
-/// Quadrilaterals of one material, four vertices each.
-#[derive(Default)]
-struct Mesh {
-    positions: Vec<[f32; 3]>,
-    /// Normalised to 16 bits.
-    texcoords: Vec<[u16; 2]>,
-}
-
-/// Maximum number of vertices of a primitive: two-byte indices without the last one, which some
-/// readers take for primitive restart.
-const MAX_VERTICES: usize = 65_532;
-
-impl Mesh {
-    /// Adds a quadrilateral: corners in the order of [`mesh::Quad`], texture coordinates 0 to 1.
-    fn add(&mut self, corners: [DVec3; 4], texels: [[f64; 2]; 4]) {
-        self.positions
-            .extend(corners.map(|corner| corner.as_vec3().to_array()));
-        self.texcoords
-            .extend(texels.map(|at| at.map(|c| (c.clamp(0.0, 1.0) * 65_535.0).round() as u16)));
-    }
-}
-
-impl File {
-    fn add_view(&mut self, bytes: &[u8], target: Option<u32>) -> usize {
-        self.bytes.resize(self.bytes.len().next_multiple_of(4), 0);
-        let mut view =
-            json!({"buffer": 0, "byteOffset": self.bytes.len(), "byteLength": bytes.len()});
-        if let Some(target) = target {
-            view["target"] = target.into();
-        }
-        self.views.push(view);
-        self.bytes.extend_from_slice(bytes);
-        self.views.len() - 1
-    }
-
-    fn add_accessor(&mut self, bytes: &[u8], element_array: bool, more: Value) -> usize {
-        let view = self.add_view(bytes, Some(if element_array { 34963 } else { 34962 }));
-        let mut accessor = more;
-        accessor["bufferView"] = view.into();
-        self.accessors.push(accessor);
-        self.accessors.len() - 1
-    }
-
-    /// Adds a texture, a material and the primitives of its mesh.
-    fn add_textured(&mut self, mesh: &Mesh, image: &[u8], mime: &str, mask: bool) {
-        if mesh.positions.is_empty() {
-            return;
-        }
-        let view = self.add_view(image, None);
-        self.images
-            .push(json!({"bufferView": view, "mimeType": mime}));
-        let mut material = json!({
-            "pbrMetallicRoughness": {
-                "baseColorTexture": {"index": self.images.len() - 1}, "metallicFactor": 0.0, "roughnessFactor": 1.0,
-            },
-            "doubleSided": true,
-            "extensions": {"KHR_materials_unlit": {}},
-        });
-        if mask {
-            (material["alphaMode"], material["alphaCutoff"]) = ("MASK".into(), ALPHA_CUTOFF.into());
-        }
-        self.materials.push(material);
-        let runs = mesh
-            .positions
-            .chunks(MAX_VERTICES)
-            .zip(mesh.texcoords.chunks(MAX_VERTICES));
-        runs.for_each(|(positions, texcoords)| self.add_primitive(positions, texcoords));
-    }
-
-    /// Adds a primitive of quadrilaterals with the last material.
-    fn add_primitive(&mut self, positions: &[[f32; 3]], texcoords: &[[u16; 2]]) {
-        let bound = |pick: fn(f32, f32) -> f32| {
-            positions
-                .iter()
-                .copied()
-                .reduce(|a, b| [0, 1, 2].map(|i| pick(a[i], b[i])))
-                .unwrap_or_default()
-        };
-        let count = positions.len();
-        let position = json!({
-            "componentType": 5126, "count": count, "type": "VEC3", "min": bound(f32::min), "max": bound(f32::max),
-        });
-        let position = self.add_accessor(bytemuck::cast_slice(positions), false, position);
-        let texcoord =
-            json!({"componentType": 5123, "normalized": true, "count": count, "type": "VEC2"});
-        let texcoord = self.add_accessor(bytemuck::cast_slice(texcoords), false, texcoord);
-        let corners: Vec<u16> = (0..count as u16)
-            .step_by(4)
-            .flat_map(|first| [0, 2, 1, 1, 2, 3].map(|i| first + i))
-            .collect();
-        let indices = json!({"componentType": 5123, "count": corners.len(), "type": "SCALAR"});
-        let indices = self.add_accessor(bytemuck::cast_slice(&corners), true, indices);
-        self.primitives.push(json!({
-            "attributes": {"POSITION": position, "TEXCOORD_0": texcoord}, "indices": indices, "material": self.materials.len() - 1,
-        }));
-    }
-
-    /// Adds charts on atlas pages: opaque ones as JPEG, the others as PNG with an alpha mask.
-    fn add_charts(&mut self, charts: &[TexturedQuads]) -> Result<(), ExportError> {
-        for opaque in [true, false] {
-            let group: Vec<&TexturedQuads> = charts
-                .iter()
-                .filter(|chart| chart.opaque == opaque)
-                .collect();
-            let pictures: Vec<&AtlasPicture> = group.iter().map(|chart| &chart.picture).collect();
-            let (places, pages) = atlas::pack(&pictures);
-            let mut meshes: Vec<Mesh> = pages.iter().map(|_| Mesh::default()).collect();
-            for (chart, place) in group.iter().zip(&places) {
-                let size = [PAGE_PX as f64, pages[place.page].height as f64];
-                let corner = [place.x as f64, place.y as f64];
-                for quad in &chart.quads {
-                    let texels = quad
-                        .texels
-                        .map(|at| [0, 1].map(|i| (corner[i] + at[i]) / size[i]));
-                    meshes[place.page].add(quad.corners, texels);
-                }
-            }
-            for (page, mesh) in pages.iter().zip(&meshes) {
-                let (width, height) = (PAGE_PX as u32, page.height as u32);
-                if opaque {
-                    let rgb: Vec<u8> = page
-                        .texels
-                        .iter()
-                        .flat_map(|[r, g, b, _]| [*r, *g, *b])
-                        .collect();
-                    let mut jpeg = Vec::new();
-                    let mut encoder = JpegEncoder::new_with_quality(&mut jpeg, JPEG_QUALITY);
-                    encoder
-                        .encode(&rgb, width, height, ExtendedColorType::Rgb8)
-                        .map_err(PictureError::from)?;
-                    self.add_textured(mesh, &jpeg, "image/jpeg", false);
-                } else {
-                    let png = crate::png(&page.texels, [width, height], PNG_EFFORT)?;
-                    self.add_textured(mesh, &png, "image/png", true);
-                }
-            }
-        }
-        Ok(())
-    }
-
-    /// Adds a box around everything with the faces of the environment.
-    fn add_environment(&mut self, cube: &CubeLdi) -> Result<(), ExportError> {
-        let size = cube.environment.size_px;
-        let per_face = size as usize * size as usize;
-        let distance = surfels::environment_distance(cube);
-        for (face, texels) in Face::ALL
-            .into_iter()
-            .zip(cube.environment.texels.chunks_exact(per_face.max(1)))
-        {
-            if texels.iter().all(|texel| texel[3] == 0) {
-                continue;
-            }
-            let side = f64::from(size);
-            let corners = [[0.0, 0.0], [side, 0.0], [0.0, side], [side, side]];
-            let mut mesh = Mesh::default();
-            // Texture coordinates end at the centres of the outermost texels, else the texture
-            // would wrap.
-            let inset = |c: f64| c.clamp(0.5, side - 0.5) / side;
-            mesh.add(
-                corners.map(|[x, y]| face.direction(x, y, size) * distance),
-                corners.map(|[x, y]| [inset(x), inset(y)]),
-            );
-            let png = crate::png(texels, [size, size], PNG_EFFORT)?;
-            self.add_textured(
-                &mesh,
-                &png,
-                "image/png",
-                texels.iter().any(|texel| texel[3] == 0),
-            );
-        }
-        Ok(())
-    }
-
-    fn write(mut self, headbox: Headbox, to: &mut dyn Write) -> Result<(), ExportError> {
-        self.bytes.resize(self.bytes.len().next_multiple_of(4), 0);
-        let textures: Vec<Value> = (0..self.images.len())
-            .map(|i| json!({"source": i, "sampler": 0}))
-            .collect();
-        let all = json!({
-            "asset": {"version": "2.0", "generator": "headbox"},
-            "extensionsUsed": ["KHR_materials_unlit"],
-            "scene": 0,
-            "scenes": [{"nodes": [0]}],
-            "nodes": [{
-                "name": "headbox", "mesh": 0, "translation": headbox.centre.to_array(),
-                "extras": {HEADBOX_HALF_SIZE: headbox.half_size_m},
-            }],
-            "meshes": [{"primitives": self.primitives}],
-            "materials": self.materials, "textures": textures, "images": self.images,
-            "samplers": [{"magFilter": 9729, "minFilter": 9729, "wrapS": 33071, "wrapT": 33071}],
-            "accessors": self.accessors, "bufferViews": self.views,
-            "buffers": [{"byteLength": self.bytes.len()}],
-        });
-        let mut json = all.to_string().into_bytes();
-        json.resize(json.len().next_multiple_of(4), b' ');
-        let total = 12 + 8 + json.len() as u64 + 8 + self.bytes.len() as u64;
-        let length = u32::try_from(total).map_err(|_| ExportError::TooLarge {
-            bytes: total,
-            limit: u64::from(u32::MAX),
-        })?;
-        to.write_all(b"glTF")?;
-        for word in [2, length, json.len() as u32] {
-            to.write_all(&word.to_le_bytes())?;
-        }
-        to.write_all(b"JSON")?;
-        to.write_all(&json)?;
-        to.write_all(&(self.bytes.len() as u32).to_le_bytes())?;
-        to.write_all(b"BIN\0")?;
-        Ok(to.write_all(&self.bytes)?)
-    }
 }

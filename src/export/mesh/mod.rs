@@ -3,6 +3,8 @@
 
 mod atlas;
 pub mod glb;
+mod glb_file;
+mod resample;
 mod sheets;
 
 use crate::mesh::atlas::AtlasPicture;

@@ -18,6 +18,7 @@ use flate2::Compression;
 use flate2::write::ZlibEncoder;
 use headbox_core::camera::Camera;
 use headbox_core::environment::Environment;
+use headbox_core::progress::Progress;
 use headbox_cube::pack::CubeLdi;
 use headbox_house::house::House;
 use headbox_lumigraph::Lumigraph;
@@ -85,8 +86,8 @@ impl Page {
     ///
     /// # Errors
     /// [`ExportError::Empty`], [`ExportError::TooLarge`].
-    pub fn new(cube: &CubeLdi, name: &str) -> Result<Self, ExportError> {
-        Self::from_content(cube::content(cube)?, name)
+    pub fn new(cube: &CubeLdi, name: &str, progress: &dyn Progress) -> Result<Self, ExportError> {
+        Self::from_content(cube::content(cube)?, name, progress)
     }
 
     /// Makes a page of a house that starts with a camera's view. It draws all surfaces and no
@@ -94,32 +95,57 @@ impl Page {
     ///
     /// # Errors
     /// [`ExportError::TooLarge`], or if the poster cannot be rendered.
-    pub fn from_house(house: &House, first: &Camera, name: &str) -> Result<Self, ExportError> {
-        Self::from_content(house::content(house, first)?, name)
+    pub fn from_house(
+        house: &House,
+        first: &Camera,
+        name: &str,
+        progress: &dyn Progress,
+    ) -> Result<Self, ExportError> {
+        Self::from_content(house::content(house, first)?, name, progress)
     }
 
     /// Makes a page of a layered lumigraph.
     ///
     /// # Errors
     /// [`ExportError::TooLarge`], or if the poster cannot be rendered.
-    pub fn from_lumigraph(lumigraph: &Lumigraph, name: &str) -> Result<Self, ExportError> {
-        Self::from_content(lumigraph::content(lumigraph)?, name)
+    pub fn from_lumigraph(
+        lumigraph: &Lumigraph,
+        name: &str,
+        progress: &dyn Progress,
+    ) -> Result<Self, ExportError> {
+        Self::from_content(lumigraph::content(lumigraph)?, name, progress)
     }
 
     /// Makes a page of sprites with depth.
     ///
     /// # Errors
     /// [`ExportError::Empty`], [`ExportError::TooLarge`], or if the poster cannot be rendered.
-    pub fn from_sprites(set: &SpriteSet, name: &str) -> Result<Self, ExportError> {
-        Self::from_content(sprite::content(set)?, name)
+    pub fn from_sprites(
+        set: &SpriteSet,
+        name: &str,
+        progress: &dyn Progress,
+    ) -> Result<Self, ExportError> {
+        Self::from_content(sprite::content(set)?, name, progress)
     }
 
-    fn from_content(content: Content, name: &str) -> Result<Self, ExportError> {
+    fn from_content(
+        content: Content,
+        name: &str,
+        progress: &dyn Progress,
+    ) -> Result<Self, ExportError> {
         let mut header = content.header;
+        let bytes = content.parts.iter().map(|part| part.bytes.len() as u64);
+        progress.begin("compressing", "bytes", bytes.sum());
+        let pack_part = |part: Part| {
+            let bytes = part.bytes.len() as u64;
+            let packed = pack(part);
+            progress.advance(bytes);
+            packed
+        };
         let parts = content
             .parts
             .into_par_iter()
-            .map(pack)
+            .map(pack_part)
             .collect::<Result<Vec<_>, io::Error>>()?;
         check_size(parts.iter().map(|part| part.text.len() as u64).sum())?;
         header["name"] = name.into();
@@ -235,6 +261,7 @@ fn png(texels: &[[u8; 4]], size_px: [u32; 2]) -> Result<Vec<u8>, ExportError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use headbox_core::progress::Silent;
     use headbox_cube::pack::PlaneSet;
     use std::collections::HashSet;
 
@@ -289,7 +316,7 @@ mod tests {
             planes: PlaneSet::default(),
         };
         assert!(matches!(
-            Page::new(&cube, "nothing"),
+            Page::new(&cube, "nothing", &Silent),
             Err(ExportError::Empty)
         ));
     }

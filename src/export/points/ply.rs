@@ -1,49 +1,62 @@
 //! PLY files of points, and the header of all PLY files.
 
+use super::{PointBudget, PointSummary, Points};
 use crate::ExportError;
-use crate::points::surfels::surfels;
+use headbox_core::progress::Progress;
 use headbox_cube::pack::CubeLdi;
 use std::io::Write;
 
-/// Writes all samples as points with normal and colour, world metres with Y up.
+/// Properties of a point.
+const PROPERTIES: [&str; 10] = [
+    "double x",
+    "double y",
+    "double z",
+    "float nx",
+    "float ny",
+    "float nz",
+    "uchar red",
+    "uchar green",
+    "uchar blue",
+    "uchar alpha",
+];
+
+/// Writes all samples as points with normal and colour, world metres with Y up; within a budget,
+/// neighbours on one surface are merged.
 ///
 /// # Errors
-/// [`ExportError::Empty`], [`ExportError::Io`].
-pub fn write_points(cube: &CubeLdi, to: &mut dyn Write) -> Result<(), ExportError> {
-    let properties = [
-        "double x", "double y", "double z", "float nx", "float ny", "float nz",
-    ]
-    .into_iter();
-    let colors = ["uchar red", "uchar green", "uchar blue", "uchar alpha"];
-    write_header(to, cube, false, properties.chain(colors))?;
-    for surfel in surfels(cube, false) {
+/// [`ExportError::Empty`], [`ExportError::Budget`], [`ExportError::Io`].
+pub fn write_points(
+    cube: &CubeLdi,
+    budget: PointBudget,
+    progress: &dyn Progress,
+    to: &mut dyn Write,
+) -> Result<PointSummary, ExportError> {
+    /// Bytes of a point.
+    const POINT_BYTES: u64 = 3 * 8 + 3 * 4 + 4;
+    let sizes = [
+        header(cube, &PROPERTIES, u64::MAX).len() as u64,
+        POINT_BYTES,
+    ];
+    let points = Points::new(cube, false, budget, sizes, progress)?;
+    to.write_all(header(cube, &PROPERTIES, points.summary.points).as_bytes())?;
+    points.for_each(progress, &mut |surfel| {
         let position = cube.info.centre + surfel.position;
         to.write_all(bytemuck::bytes_of(&position))?;
         to.write_all(bytemuck::bytes_of(&surfel.normal.as_vec3()))?;
-        to.write_all(&surfel.color_srgb)?;
-    }
-    Ok(())
+        Ok(to.write_all(&surfel.color_srgb)?)
+    })?;
+    Ok(points.summary)
 }
 
-/// Writes the header of a file with a vertex for each of [`surfels`].
-pub(crate) fn write_header<'a>(
-    to: &mut dyn Write,
-    cube: &CubeLdi,
-    sky: bool,
-    properties: impl Iterator<Item = &'a str>,
-) -> Result<(), ExportError> {
-    let count = surfels(cube, sky).count();
-    if count == 0 {
-        return Err(ExportError::Empty);
-    }
+/// Returns the header of a file with `count` vertices.
+pub(crate) fn header(cube: &CubeLdi, properties: &[&str], count: u64) -> String {
     let [x, y, z] = cube.info.centre.to_array();
-    write!(
-        to,
-        "ply\nformat binary_little_endian 1.0\ncomment headbox: centre {x} {y} {z}, metres, Y up\n"
-    )?;
-    writeln!(to, "element vertex {count}")?;
-    for property in properties {
-        writeln!(to, "property {property}")?;
-    }
-    Ok(writeln!(to, "end_header")?)
+    let properties: String = properties
+        .iter()
+        .map(|property| format!("property {property}\n"))
+        .collect();
+    format!(
+        "ply\nformat binary_little_endian 1.0\ncomment headbox: centre {x} {y} {z}, metres, Y up\n\
+         element vertex {count}\n{properties}end_header\n"
+    )
 }

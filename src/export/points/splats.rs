@@ -4,10 +4,11 @@
 //! Positions are metres from the centre of the headbox, X right, Y down, Z ahead, like those of
 //! trained splats.
 
+use super::{PointBudget, PointSummary, Points, ply};
 use crate::ExportError;
-use crate::points::ply;
-use crate::points::surfels::{Ellipse, Surfel, surfels};
+use crate::points::surfels::{Ellipse, Surfel};
 use glam::{Mat3, Quat, Vec3};
+use headbox_core::progress::Progress;
 use headbox_cube::pack::CubeLdi;
 use std::io::Write;
 
@@ -22,22 +23,47 @@ const OPACITY: [f32; 2] = [0.004, 0.996];
 /// Value of the spherical harmonic of degree 0.
 const HARMONIC_0: f32 = 0.282_094_8;
 
-/// Writes all samples, and the environment at a large distance.
+/// Properties of a Gaussian.
+const PROPERTIES: [&str; 17] = [
+    "float x",
+    "float y",
+    "float z",
+    "float nx",
+    "float ny",
+    "float nz",
+    "float f_dc_0",
+    "float f_dc_1",
+    "float f_dc_2",
+    "float opacity",
+    "float scale_0",
+    "float scale_1",
+    "float scale_2",
+    "float rot_0",
+    "float rot_1",
+    "float rot_2",
+    "float rot_3",
+];
+
+/// Writes all samples, and the environment at a large distance; within a budget, neighbours on one
+/// surface are merged.
 ///
 /// # Errors
-/// [`ExportError::Empty`], [`ExportError::Io`].
-pub fn write_ply(cube: &CubeLdi, to: &mut dyn Write) -> Result<(), ExportError> {
-    let names = "x y z nx ny nz f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3";
-    let properties: Vec<String> = names
-        .split(' ')
-        .map(|name| format!("float {name}"))
-        .collect();
-    ply::write_header(to, cube, true, properties.iter().map(String::as_str))?;
-    for surfel in surfels(cube, true) {
-        let values = Gaussian::new(&surfel).values();
-        to.write_all(&values.map(f32::to_le_bytes).concat())?;
-    }
-    Ok(())
+/// [`ExportError::Empty`], [`ExportError::Budget`], [`ExportError::Io`].
+pub fn write_ply(
+    cube: &CubeLdi,
+    budget: PointBudget,
+    progress: &dyn Progress,
+    to: &mut dyn Write,
+) -> Result<PointSummary, ExportError> {
+    let header_bytes = ply::header(cube, &PROPERTIES, u64::MAX).len() as u64;
+    let sizes = [header_bytes, 4 * PROPERTIES.len() as u64];
+    let points = Points::new(cube, true, budget, sizes, progress)?;
+    to.write_all(ply::header(cube, &PROPERTIES, points.summary.points).as_bytes())?;
+    points.for_each(progress, &mut |surfel| {
+        let values = Gaussian::new(surfel).values();
+        Ok(to.write_all(&values.map(f32::to_le_bytes).concat())?)
+    })?;
+    Ok(points.summary)
 }
 
 /// Flat Gaussian.

@@ -20,7 +20,7 @@ pub(crate) struct Surfel {
 
 impl Surfel {
     /// Creates the surfel that a face sees in direction `d` (eye depth 1) at an inverse depth.
-    fn new(
+    pub(crate) fn new(
         face: Face,
         face_px: u32,
         d: DVec3,
@@ -29,21 +29,67 @@ impl Surfel {
         color_srgb: [u8; 4],
     ) -> Self {
         let pixel = 2.0 / f64::from(face_px);
-        let most = f64::from(MAX_SLOPE) * pixel;
-        let along = [face.right(), -face.up()].map(|step| {
-            // On a plane, inverse depth is proportional to n . d. `min` and `max` also turn 0 / 0
-            // into a number.
-            let slope = (normal.dot(step) * pixel / normal.dot(d))
-                .min(most)
-                .max(-most);
-            (step * pixel - d * slope) / inverse_depth
-        });
+        let slopes = Self::slopes(face, face_px, d, normal);
+        let steps = [(face.right(), slopes[0]), (-face.up(), slopes[1])];
         Self {
             position: d / inverse_depth,
             normal,
-            along,
+            along: steps.map(|(step, slope)| (step * pixel - d * slope) / inverse_depth),
             color_srgb,
         }
+    }
+
+    /// Returns the relative change of inverse depth per pixel right and down on a plane that the
+    /// face sees in direction `d`.
+    pub(crate) fn slopes(face: Face, face_px: u32, d: DVec3, normal: DVec3) -> [f64; 2] {
+        let pixel = 2.0 / f64::from(face_px);
+        let most = f64::from(MAX_SLOPE) * pixel;
+        // On a plane, inverse depth is proportional to n . d. `min` and `max` also turn 0 / 0 into
+        // a number.
+        [face.right(), -face.up()].map(|step| {
+            (normal.dot(step) * pixel / normal.dot(d))
+                .min(most)
+                .max(-most)
+        })
+    }
+}
+
+/// Sample of a capture.
+pub(crate) struct SurfaceSample {
+    pub(crate) face: Face,
+    /// Width of the face, pixels.
+    pub(crate) face_px: u32,
+    /// Its pixel on the face, from -1 to the width.
+    pub(crate) column: i32,
+    pub(crate) row: i32,
+    /// [`DEPTH_PIXELS`], [`ENVIRONMENT`], or the number of a plane, from 1.
+    pub(crate) surface: u32,
+    /// Inverse depth, 1/m.
+    pub(crate) inverse_depth: f64,
+    /// Unit normal, world axes.
+    pub(crate) normal: DVec3,
+    /// Straight alpha.
+    pub(crate) color_srgb: [u8; 4],
+}
+
+/// Surface of depth pixels.
+pub(crate) const DEPTH_PIXELS: u32 = 0;
+
+/// Surface of the environment.
+pub(crate) const ENVIRONMENT: u32 = u32::MAX;
+
+impl SurfaceSample {
+    fn surfel(&self) -> Surfel {
+        let (x, y) = (f64::from(self.column) + 0.5, f64::from(self.row) + 0.5);
+        let d = self.face.direction(x, y, self.face_px);
+        Surfel::new(
+            self.face,
+            self.face_px,
+            d,
+            self.inverse_depth,
+            self.normal,
+            self.color_srgb,
+        )
     }
 }
 
@@ -71,33 +117,40 @@ pub(crate) fn straight([r, g, b, a]: [u8; 4]) -> [u8; 4] {
     [divide(r), divide(g), divide(b), a]
 }
 
-/// Iterates over all samples, all texels of plane textures, and with `sky` those of the
-/// environment, at a large distance.
+/// Iterates over the surfels of all [`surface_samples`].
 pub(crate) fn surfels(cube: &CubeLdi, sky: bool) -> impl Iterator<Item = Surfel> {
-    let environment = sky.then(|| environment(cube)).into_iter().flatten();
-    samples(cube).chain(texels(cube)).chain(environment)
+    surface_samples(cube, sky).map(|sample| sample.surfel())
 }
 
-fn samples(cube: &CubeLdi) -> impl Iterator<Item = Surfel> {
-    let face_px = cube.face_size_px;
+/// Iterates over all depth pixels, all texels of plane textures, and with `sky` those of the
+/// environment, at a large distance.
+pub(crate) fn surface_samples(cube: &CubeLdi, sky: bool) -> impl Iterator<Item = SurfaceSample> {
+    let environment = sky.then(|| environment(cube)).into_iter().flatten();
+    depth_pixels(cube).chain(texels(cube)).chain(environment)
+}
+
+fn depth_pixels(cube: &CubeLdi) -> impl Iterator<Item = SurfaceSample> {
     cube.segments.iter().flat_map(move |segment| {
         let pixels = (0..segment.height).flat_map(|y| (0..segment.width).map(move |x| (x, y)));
         pixels.flat_map(move |(x, y)| {
-            let d = segment.face.direction(
-                f64::from(segment.x0 + x) + 0.5,
-                f64::from(segment.y0 + y) + 0.5,
-                face_px,
-            );
             segment.pixel(x, y).iter().map(move |pixel| {
                 let found = segment.decode(cube.layout, *pixel);
-                let q = found.inverse_depth.max(f64::MIN_POSITIVE);
-                Surfel::new(segment.face, face_px, d, q, found.normal, found.color_srgb)
+                SurfaceSample {
+                    face: segment.face,
+                    face_px: cube.face_size_px,
+                    column: (segment.x0 + x) as i32,
+                    row: (segment.y0 + y) as i32,
+                    surface: DEPTH_PIXELS,
+                    inverse_depth: found.inverse_depth.max(f64::MIN_POSITIVE),
+                    normal: found.normal,
+                    color_srgb: found.color_srgb,
+                }
             })
         })
     })
 }
 
-fn texels(cube: &CubeLdi) -> impl Iterator<Item = Surfel> {
+fn texels(cube: &CubeLdi) -> impl Iterator<Item = SurfaceSample> {
     let set = &cube.planes;
     let face_px = cube.face_size_px;
     let min_inverse_depth = min_inverse_depth(cube);
@@ -111,20 +164,28 @@ fn texels(cube: &CubeLdi) -> impl Iterator<Item = Surfel> {
         let [q, along_x, along_y] = plane.inverse_depth(face, face_px);
         let visible = texels.iter().enumerate().filter(|(_, texel)| texel[3] > 0);
         visible.map(move |(i, texel)| {
-            let (column, row) = (i % usize::from(tile.width), i / usize::from(tile.width));
-            let x = f64::from(tile.x0) + column as f64 + 0.5;
-            let y = f64::from(tile.y0) + row as f64 + 0.5;
-            let d = face.direction(x, y, face_px);
-            let normal = -n.try_normalize().unwrap_or(d.normalize());
-            let q = (q + along_x * x + along_y * y).max(min_inverse_depth);
-            Surfel::new(face, face_px, d, q, normal, straight(*texel))
+            let width = usize::from(tile.width);
+            let column = i32::from(tile.x0) + (i % width) as i32;
+            let row = i32::from(tile.y0) + (i / width) as i32;
+            let (x, y) = (f64::from(column) + 0.5, f64::from(row) + 0.5);
+            let outward = || face.direction(x, y, face_px).normalize();
+            SurfaceSample {
+                face,
+                face_px,
+                column,
+                row,
+                surface: tile.plane.saturating_add(1),
+                inverse_depth: (q + along_x * x + along_y * y).max(min_inverse_depth),
+                normal: -n.try_normalize().unwrap_or_else(outward),
+                color_srgb: straight(*texel),
+            }
         })
     })
 }
 
-fn environment(cube: &CubeLdi) -> impl Iterator<Item = Surfel> {
+fn environment(cube: &CubeLdi) -> impl Iterator<Item = SurfaceSample> {
     let size_px = cube.environment.size_px;
-    let q = 1.0 / environment_distance(cube);
+    let inverse_depth = 1.0 / environment_distance(cube);
     let per_face = size_px as usize * size_px as usize;
     let texels = cube.environment.texels.iter().enumerate();
     let known = texels.filter(|(_, texel)| texel[3] > 0);
@@ -133,7 +194,16 @@ fn environment(cube: &CubeLdi) -> impl Iterator<Item = Surfel> {
         let y = (i % per_face) as u32 / size_px;
         let face = Face::ALL[(i / per_face) % 6];
         let d = face.direction(f64::from(x) + 0.5, f64::from(y) + 0.5, size_px);
-        Surfel::new(face, size_px, d, q, -d.normalize(), *color_srgb)
+        SurfaceSample {
+            face,
+            face_px: size_px,
+            column: x as i32,
+            row: y as i32,
+            surface: ENVIRONMENT,
+            inverse_depth,
+            normal: -d.normalize(),
+            color_srgb: *color_srgb,
+        }
     })
 }
 

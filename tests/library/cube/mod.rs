@@ -1,5 +1,6 @@
 //! Promises of the cube LDI: packing, plane textures, the warp.
 
+mod export_budget;
 mod packed_ldi;
 mod primitives;
 mod splat_quality;

@@ -1,14 +1,17 @@
 //! `headbox export`.
 
 use crate::output::{EXPORT, Outputs, print_json, print_warnings};
+use crate::progress::Bar;
 use anyhow::{Context, bail};
 use clap::Args;
 use headbox_core::cube_face::Face;
 use headbox_core::files;
+use headbox_core::progress::Progress;
 use headbox_core::view::View;
 use headbox_cube::pack::CubeLdi;
 use headbox_export::ExportError;
 use headbox_export::deep::Faces;
+use headbox_export::mesh::glb::GlbBudget;
 use headbox_views::{ExportOptions, ExportSummary, Exporter, ViewError};
 use serde_json::json;
 use std::io;
@@ -26,9 +29,17 @@ pub(crate) struct ExportCommand {
     /// Title of the .html page; the name of the input file by default
     #[arg(long)]
     title: Option<String>,
-    /// Maximum number of triangles of a .glb; 200000 by default
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(2..))]
+    /// Maximum number of triangles of a .glb, at least 2; 200000 by default
+    #[arg(long, value_name = "N", value_parser = parse_triangles)]
     triangles: Option<u64>,
+    /// Maximum number of Gaussians of a .ply, or of points with --points: neighbours on one surface
+    /// are merged, those first that the headbox sees least; all by default
+    #[arg(long, value_name = "N", value_parser = parse_gaussians)]
+    gaussians: Option<u64>,
+    /// Maximum size of a .glb or .ply, MB of 10^6 bytes: a .ply gets fewer Gaussians, a .glb fewer
+    /// triangles and coarser textures
+    #[arg(long, value_name = "M", value_parser = parse_megabytes)]
+    mb: Option<f64>,
     /// Write plain points with normal and colour to a .ply instead of Gaussians
     #[arg(long)]
     points: bool,
@@ -45,15 +56,27 @@ pub(crate) struct ExportCommand {
     json: bool,
 }
 
+fn parse_triangles(text: &str) -> Result<u64, String> {
+    let count = text.parse().ok().filter(|count| *count >= 2);
+    count.ok_or_else(|| "give a number of triangles, at least 2".into())
+}
+
+fn parse_gaussians(text: &str) -> Result<u64, String> {
+    let count = text.parse().ok().filter(|count| *count >= 1);
+    count.ok_or_else(|| "give a number of Gaussians, at least 1".into())
+}
+
+fn parse_megabytes(text: &str) -> Result<f64, String> {
+    let megabytes = text.parse().ok().filter(|mb| *mb > 0.0 && *mb <= 1e9);
+    megabytes.ok_or_else(|| "give MB above 0, up to 1e9".into())
+}
+
 fn parse_face(text: &str) -> Result<Face, String> {
     let found = Face::ALL
         .into_iter()
         .find(|face| face.name().eq_ignore_ascii_case(text));
     found.ok_or_else(|| "give +X, -X, +Y, -Y, +Z or -Z".into())
 }
-
-/// Default of `--triangles`.
-const TRIANGLES: u64 = 200_000;
 
 impl ExportCommand {
     pub(crate) fn run(&self) -> anyhow::Result<()> {
@@ -63,15 +86,18 @@ impl ExportCommand {
             .extension()
             .unwrap_or_default()
             .to_ascii_lowercase();
-        for (given, name, wanted) in [
-            (self.title.is_some(), "--title", "html"),
-            (self.triangles.is_some(), "--triangles", "glb"),
-            (self.points, "--points", "ply"),
-            (self.layers.is_some(), "--layers", "exr"),
-            (self.face.is_some(), "--face", "exr"),
-        ] {
-            if given && ending != wanted {
-                bail_usage!("{name} is for .{wanted} files");
+        let options: [(bool, &str, &[&str]); 7] = [
+            (self.title.is_some(), "--title", &["html"]),
+            (self.triangles.is_some(), "--triangles", &["glb"]),
+            (self.gaussians.is_some(), "--gaussians", &["ply"]),
+            (self.mb.is_some(), "--mb", &["glb", "ply"]),
+            (self.points, "--points", &["ply"]),
+            (self.layers.is_some(), "--layers", &["exr"]),
+            (self.face.is_some(), "--face", &["exr"]),
+        ];
+        for (given, name, endings) in options {
+            if given && !endings.iter().any(|wanted| ending == *wanted) {
+                bail_usage!("{name} is for .{} files", endings.join(" and ."));
             }
         }
         let Some(representation) = headbox_views::find(&self.file) else {
@@ -120,19 +146,24 @@ impl ExportCommand {
                 .title
                 .clone()
                 .unwrap_or_else(|| default_title(&self.file)),
-            triangles: self.triangles.unwrap_or(TRIANGLES),
+            triangles: self.triangles.unwrap_or(GlbBudget::default().triangles),
+            gaussians: self.gaussians,
+            bytes: self.mb.map(|mb| (mb * 1e6) as u64),
             points: self.points,
             layers: self.layers.map(|layers| layers as usize),
             faces: self.face.map_or(Faces::All, Faces::One),
         };
+        let bar = Bar::new();
+        bar.begin("preparing", "steps", 1);
         let mut outcome = Err(ViewError::Other("nothing was written".into()));
         let written = files::write_whole(&self.output, |mut to| {
-            outcome = (exporter.write)(view, &options, &mut to);
+            outcome = (exporter.write)(view, &options, &bar, &mut to);
             match &outcome {
                 Ok(_) => Ok(()),
                 Err(_) => Err(io::Error::other("the export failed")),
             }
         });
+        bar.finish();
         match outcome {
             Err(ViewError::Write(error)) | Err(ViewError::Export(ExportError::Io(error))) => {
                 Err(error)

@@ -148,6 +148,7 @@ fn poster(set: &SpriteSet, first: &Camera) -> Result<Vec<u8>, ExportError> {
 mod tests {
     use super::super::Page;
     use super::*;
+    use headbox_core::progress::Silent;
     use headbox_sprite::{Displacement, Sprite, SpritePlane, SpriteWithDepth};
     use image::RgbaImage;
 
@@ -182,13 +183,13 @@ mod tests {
         // What is nearest is 2 m away.
         let half = content.header["halfSize"].as_f64().unwrap();
         assert!((half - 0.3).abs() < 1e-6, "{half}");
-        assert!(Page::from_sprites(&set, "two").is_ok());
+        assert!(Page::from_sprites(&set, "two", &Silent).is_ok());
     }
 
     #[test]
     fn empty_sprite_set_is_refused() {
         assert!(matches!(
-            Page::from_sprites(&SpriteSet::new(Vec::new()), "none"),
+            Page::from_sprites(&SpriteSet::new(Vec::new()), "none", &Silent),
             Err(ExportError::Empty)
         ));
     }
