@@ -14,8 +14,8 @@ use headbox_core::file_frame::FileFrame;
 use headbox_core::frame::Frame;
 use headbox_core::view::paint::{figure, hole_legend, paint_holes, swatch};
 use headbox_core::view::{
-    Fact, FrameReport, FrameRequest, Navigation, OVERLAY, Ongoing, Refinement, Rendered, Room,
-    RoomMap, Setting, Stage, StartView, Statistics, Swatch, View,
+    Fact, FrameReport, FrameRequest, Navigation, OVERLAY, Ongoing, RENDERING, Refinement, Rendered,
+    Room, RoomMap, Setting, Stage, StartView, Statistics, Swatch, View,
 };
 use headbox_raster::{PixelContent, RasterOutput};
 use serde_json::json;
@@ -107,7 +107,8 @@ impl HouseView {
                 &HouseVariant::ALL.map(|variant| variant.name),
                 selected,
             )
-            .with_flag("variant"),
+            .with_flag("variant")
+            .folded_under(RENDERING),
             Setting::choice(
                 OVERLAY,
                 "Overlay",

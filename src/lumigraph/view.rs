@@ -4,8 +4,8 @@ use crate::{Blend, LumigraphOverlay, LumigraphSettings, LumigraphStats, Slabs, S
 use headbox_core::file_frame::FileFrame;
 use headbox_core::view::paint::figure;
 use headbox_core::view::{
-    FrameReport, FrameRequest, OVERLAY, Rendered, Setting, SettingValues, Stage, StartView,
-    Statistics, View, level_up,
+    FrameReport, FrameRequest, OVERLAY, RENDERING, Rendered, Setting, SettingValues, Stage,
+    StartView, Statistics, View, level_up,
 };
 use serde_json::json;
 
@@ -53,7 +53,8 @@ impl LumigraphView {
                  opaque as in the paper (no unit).",
                 &Blend::ALL.map(Blend::name),
             )
-            .with_flag("variant"),
+            .with_flag("variant")
+            .folded_under(RENDERING),
             Setting::number(
                 "merge",
                 "Merge layers",
@@ -63,20 +64,23 @@ impl LumigraphView {
                 0.0..=16.0,
                 "px",
             )
-            .with_flag("merge"),
+            .with_flag("merge")
+            .folded_under(RENDERING),
             Setting::toggle(
                 "levels",
                 "Levels of detail",
                 "Takes coarser images where the frame is coarser.",
                 defaults.levels,
-            ),
+            )
+            .folded_under(RENDERING),
             Setting::toggle(
                 "skip",
                 "Skip rectangles",
                 "Leaves layers out that show in no rectangle of the images where a block of the frame would find them; the \
                  frame is the same.",
                 defaults.skip,
-            ),
+            )
+            .folded_under(RENDERING),
         ]
     }
 }

@@ -7,8 +7,8 @@ use headbox_core::file_frame::FileFrame;
 use headbox_core::frame::Frame;
 use headbox_core::view::paint::{figure, hole_legend, paint_holes};
 use headbox_core::view::{
-    FrameReport, FrameRequest, Navigation, OVERLAY, Rendered, Setting, SettingValues, Stage,
-    StartView, Statistics, View,
+    FrameReport, FrameRequest, Navigation, OVERLAY, RENDERING, Rendered, Setting, SettingValues,
+    Stage, StartView, Statistics, View,
 };
 use headbox_cube::render::RenderSettings;
 use headbox_cube::render::footprint::splat::SplatKernel;
@@ -123,14 +123,16 @@ impl LayersView {
                 selected,
             )
             .with_flag("variant")
-            .with_aliases(&ALIASES),
+            .with_aliases(&ALIASES)
+            .folded_under(RENDERING),
             Setting::choice(
                 "sampling",
                 "Sampling",
                 "Texture filter: bilinear, or the nearest texel (no unit).",
                 &SAMPLINGS.map(|(name, _)| name),
             )
-            .with_flag("sampling"),
+            .with_flag("sampling")
+            .folded_under(RENDERING),
             Setting::count(
                 "fill",
                 "Gap filling",
@@ -138,7 +140,8 @@ impl LayersView {
                 RenderOptions::default().fill_steps,
                 0..=MAX_FILL_STEPS,
             )
-            .with_flag("fill-steps"),
+            .with_flag("fill-steps")
+            .folded_under(RENDERING),
             overlay_setting(),
         ]
     }
@@ -152,7 +155,8 @@ impl LayersView {
              intersect. Models are always composed by depth.",
             false,
         );
-        vec![by_depth.with_flag("by-depth"), overlay_setting()]
+        let by_depth = by_depth.with_flag("by-depth").folded_under(RENDERING);
+        vec![by_depth, overlay_setting()]
     }
 }
 

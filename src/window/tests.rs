@@ -644,3 +644,32 @@ fn vanished_image_reported_once() {
 fn source_pose(x: f64) -> Pose {
     Pose::looking_at(DVec3::X * x, DVec3::new(x, 0.0, -1.0), 60.0)
 }
+
+#[test]
+fn depth_in_the_middle_is_reported_on_request() {
+    let folder = tempfile::tempdir().unwrap();
+    let near = NearestImages::new(
+        six_images(folder.path()),
+        ImageSetCapture::suggest(&six_images(folder.path())),
+        NearestImages::DEFAULT_BUDGET,
+    )
+    .unwrap();
+    let start = frame_at(DVec3::ZERO, [96, 64]);
+    let mut source = show_live(near, folder.path(), &start).unwrap();
+    let pose = source.start_pose();
+    let mut depth_m = |depth: bool| {
+        let camera = pose.camera(400, 300).unwrap();
+        let request = FrameRequest {
+            camera: camera.cropped(200..208, 150..158).unwrap(),
+            settings: Arc::new(SettingValues::initial(&source.settings())),
+            moving: true,
+            complete: false,
+            depth,
+        };
+        source.render(&request, &mut [[0; 4]; 64]).unwrap().depth_m
+    };
+    assert_eq!(depth_m(false), None);
+    // The plane of the images is 3 m away, and stored in steps of inverse depth.
+    let depth_m = depth_m(true).unwrap();
+    assert!((depth_m - 3.0).abs() < 0.03, "{depth_m} m");
+}

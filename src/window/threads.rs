@@ -1,5 +1,6 @@
 //! Frames rendered with fewer threads than the program uses elsewhere.
 
+use headbox_core::view::RENDERING;
 use headbox_viewer::{Setting, SettingValues};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use std::collections::BTreeMap;
@@ -20,6 +21,7 @@ impl FewerThreads {
             cores,
             1..=cores,
         )
+        .folded_under(RENDERING)
     }
 
     /// Runs `work` on the number of threads that [`Self::setting`] specifies, or on the program's

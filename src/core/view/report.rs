@@ -54,6 +54,9 @@ pub struct FrameReport {
     pub ms: f64,
     /// Number of hole pixels.
     pub hole_pixels: u64,
+    /// Eye depth in the middle of the frame, metres; `None` if it was not requested, if nothing is
+    /// there, or if the view has no depth.
+    pub depth_m: Option<f64>,
     /// Further figures.
     pub figures: Vec<Figure>,
     /// Facts in words, such as the name of the room.

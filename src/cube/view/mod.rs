@@ -26,8 +26,8 @@ use headbox_core::frame::Frame;
 use headbox_core::headbox::Headbox;
 use headbox_core::view::paint::{figure, paint_holes};
 use headbox_core::view::{
-    Figure, FrameReport, FrameRequest, OVERLAY, Origin, Rendered, Setting, SettingValues, Stage,
-    StartView, Statistics, View, level_up,
+    EXPOSURE, Figure, FrameReport, FrameRequest, OVERLAY, Origin, RENDERING, Rendered, Setting,
+    SettingValues, Stage, StartView, Statistics, View, level_up,
 };
 use serde_json::json;
 use std::sync::Arc;
@@ -86,7 +86,8 @@ impl CubeView {
                 "Footprint kernel that draws samples as pixels (no unit).",
                 &SplatKernel::ALL.map(SplatKernel::name),
             )
-            .with_flag("variant"),
+            .with_flag("variant")
+            .folded_under(RENDERING),
             Setting::choice(
                 OVERLAY,
                 "Overlay",
@@ -103,16 +104,18 @@ impl CubeView {
                 "Clipping",
                 "Leaves out what is known to be outside the view; without it every depth pixel is warped, for the same frame.",
                 true,
-            ),
+            )
+            .folded_under(RENDERING),
             Setting::toggle(
                 "keep-holes",
                 "Keep holes",
                 "Leaves small holes open instead of filling them from the background around them.",
                 false,
             )
-            .with_flag("keep-holes"),
+            .with_flag("keep-holes")
+            .folded_under(RENDERING),
             Setting::number(
-                "exposure",
+                EXPOSURE,
                 "Exposure",
                 "Exposure of the frame relative to the capture, stops; a capture made with \
                  --tone hdr keeps light above white.",
@@ -120,13 +123,14 @@ impl CubeView {
                 -MAX_STOPS..=MAX_STOPS,
                 "stops",
             )
-            .with_flag("exposure"),
+            .with_flag(EXPOSURE),
             Setting::toggle(
                 "epipole",
                 "Epipole",
                 "Marks where the centre of the headbox projects to: a cross ahead of the eye, a ring behind it.",
                 false,
-            ),
+            )
+            .folded_under(RENDERING),
         ];
         let part = |id, label: &str| {
             Setting::toggle(
@@ -260,7 +264,7 @@ impl View for CubeView {
         let overlay = Overlay::ALL
             .get(values.choice(OVERLAY)?)
             .map_or(Overlay::None, |&(_, overlay)| overlay);
-        let (stops, epipole) = (values.number("exposure")? as f32, values.toggle("epipole")?);
+        let (stops, epipole) = (values.number(EXPOSURE)? as f32, values.toggle("epipole")?);
         let cube = self
             .variations
             .get(&self.cube, &variation(values, overlay)?);

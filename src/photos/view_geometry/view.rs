@@ -10,7 +10,7 @@ use headbox_core::file_frame::FileFrame;
 use headbox_core::frame::Frame;
 use headbox_core::view::paint::figure;
 use headbox_core::view::{
-    FrameReport, FrameRequest, OVERLAY, Refinement, Rendered, Setting, Stage, StartView,
+    FrameReport, FrameRequest, OVERLAY, RENDERING, Refinement, Rendered, Setting, Stage, StartView,
     Statistics, View,
 };
 use serde_json::json;
@@ -69,7 +69,8 @@ impl GeometryView {
                 &Texturing::ALL.map(Texturing::name),
                 selected,
             )
-            .with_flag("variant"),
+            .with_flag("variant")
+            .folded_under(RENDERING),
             Setting::count(
                 "cameras",
                 "Cameras",
@@ -78,7 +79,8 @@ impl GeometryView {
                 initial.cameras as u32,
                 1..=1000,
             )
-            .with_flag("cameras"),
+            .with_flag("cameras")
+            .folded_under(RENDERING),
             Setting::count(
                 "grid",
                 "Grid",
@@ -86,7 +88,8 @@ impl GeometryView {
                 initial.grid_px as u32,
                 1..=256,
             )
-            .with_flag("grid"),
+            .with_flag("grid")
+            .folded_under(RENDERING),
             Setting::count(
                 "lod",
                 "Level of detail",
@@ -95,7 +98,8 @@ impl GeometryView {
                 initial.level,
                 0..=3,
             )
-            .with_flag("lod"),
+            .with_flag("lod")
+            .folded_under(RENDERING),
             Setting::count(
                 "budget",
                 "Frame time",

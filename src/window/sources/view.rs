@@ -4,6 +4,7 @@ use crate::facts::{axes_fact, simd_fact};
 use crate::threads::FewerThreads;
 use glam::DVec3;
 use headbox_core::file_frame::FileFrame;
+use headbox_core::frame::Frame;
 use headbox_core::view::{StartView, View};
 use headbox_viewer::{
     EyeBounds, Fact, FrameReport, FrameRequest, FrameSource, Navigation, Pose, RoomMap, Setting,
@@ -43,13 +44,9 @@ pub(crate) fn pose(start: &StartView) -> Pose {
     Pose::upright(eye, eye + forward, up, fov_y_deg)
 }
 
-/// Settings of a view, with the number of threads inserted before the folded groups.
+/// Settings of a view, with the number of threads.
 pub(super) fn settings(mut settings: Vec<Setting>) -> Vec<Setting> {
-    let at = settings
-        .iter()
-        .position(|setting| setting.folded)
-        .unwrap_or(settings.len());
-    settings.insert(at, FewerThreads::setting());
+    settings.push(FewerThreads::setting());
     settings
 }
 
@@ -63,7 +60,11 @@ pub(super) fn render(
     let mut report = threads.install(&request.settings, || {
         let rendered = view.render(request)?;
         pixels.copy_from_slice(&rendered.frame.color);
-        Ok::<_, String>(rendered.report)
+        let mut report = rendered.report;
+        if request.depth {
+            report.depth_m = depth_in_middle(rendered.frame);
+        }
+        Ok::<_, String>(report)
     })??;
     let notes = report.warnings.iter().map(|text| Fact {
         name: "note",
@@ -74,6 +75,20 @@ pub(super) fn render(
         .facts
         .extend([simd_fact(), axes_fact(&view.file_frame())]);
     Ok(report)
+}
+
+/// Eye depth of the sample nearest to the middle of a frame, metres; `None` without samples.
+fn depth_in_middle(frame: &Frame) -> Option<f64> {
+    let [width, height] = [frame.width, frame.height].map(|side| side as usize);
+    let distance = |i: usize| {
+        let from_middle = |at: usize, side: usize| (2 * at + 1).abs_diff(side);
+        from_middle(i % width, width).pow(2) + from_middle(i / width, height).pow(2)
+    };
+    let depths = frame.depth_m.iter().enumerate();
+    depths
+        .filter(|(_, depth_m)| depth_m.is_finite() && **depth_m > 0.0)
+        .min_by_key(|(i, _)| distance(*i))
+        .map(|(_, depth_m)| f64::from(*depth_m))
 }
 
 /// Bounds of the eye in a view: its headbox.
