@@ -115,6 +115,14 @@ impl FrameSource for CheckerRoom {
                 &["None", "Distance", "Face"],
             ),
             Setting::number(
+                "exposure",
+                "Exposure",
+                "Exposure of the frame, stops.",
+                0.0,
+                -16.0..=16.0,
+                "stops",
+            ),
+            Setting::number(
                 "check",
                 "Checks",
                 "Side of a check in metres.",
@@ -169,6 +177,7 @@ impl FrameSource for CheckerRoom {
         }
         let (check, lamp) = (settings.number("check")? as f32, settings.toggle("lamp")?);
         let overlay = settings.choice("overlay")?;
+        let gain = settings.number("exposure")?.exp2() as f32;
         let noise = if settings.toggle("refine")? {
             self.noise(request)
         } else {
@@ -188,7 +197,9 @@ impl FrameSource for CheckerRoom {
                 let color = match overlay {
                     1 => [(255.0 / (1.0 + hit.distance)) as u8; 3],
                     2 => FACE_COLORS[usize::from(hit.face)],
-                    _ => shade(hit, check, lamp, hue),
+                    _ => {
+                        shade(hit, check, lamp, hue).map(|c| (f32::from(c) * gain).min(255.0) as u8)
+                    }
                 };
                 let dark = noise > 0
                     && ((band * width + column) as u32).wrapping_mul(2_654_435_761) >> 24 < noise;
@@ -238,6 +249,7 @@ impl FrameSource for CheckerRoom {
             } else {
                 Vec::new()
             },
+            depth_m: request.depth.then(|| middle_depth(&request.camera)),
             ongoing: None,
             refinement: if noise > 0 {
                 Refinement::Next
@@ -318,6 +330,13 @@ fn face_legend() -> Vec<Swatch> {
             label: name.into(),
         })
         .collect()
+}
+
+/// Eye depth in the middle of a camera's image, metres.
+fn middle_depth(camera: &headbox_core::camera::Camera) -> f64 {
+    let [x, y] = [camera.width(), camera.height()].map(|side| f64::from(side) / 2.0);
+    let ray = camera.direction(x, y).as_vec3();
+    f64::from(hit(camera.eye().as_vec3(), ray).distance / ray.length())
 }
 
 /// The nearest surface along a ray (of any length) from inside the room.

@@ -41,6 +41,22 @@ impl EyeBounds {
         self.centre + DVec3::new(axis(0), axis(1), axis(2))
     }
 
+    /// Moves the eye from `from` by `by` along the straight line, as far as the box without its soft
+    /// margin allows. An eye that is not in that part stays.
+    pub fn clip(&self, from: DVec3, by: DVec3) -> DVec3 {
+        let free = self.half_size * (1.0 - Self::SOFT_SHARE);
+        let offset = from - self.centre;
+        let share = |i: usize| {
+            let wall = free[i].copysign(by[i]);
+            if by[i] == 0.0 {
+                1.0
+            } else {
+                ((wall - offset[i]) / by[i]).clamp(0.0, 1.0)
+            }
+        };
+        from + by * share(0).min(share(1)).min(share(2))
+    }
+
     /// Braking factor of the edge at `eye`: 0 where the eye moves freely, 1 on a wall or beyond.
     pub fn edge_share(&self, eye: DVec3) -> f64 {
         let offset = (eye - self.centre).abs();
@@ -134,6 +150,17 @@ mod tests {
             BOUNDS.soft_move(outside, dvec3(-0.5, 0.0, 0.0)),
             outside - dvec3(0.5, 0.0, 0.0)
         );
+    }
+
+    #[test]
+    fn clipped_move_keeps_its_direction() {
+        let [near, far] = [0.1, 9.0].map(|length| dvec3(1.0, 2.0, -0.5) * length);
+        assert_eq!(BOUNDS.clip(BOUNDS.centre, near), BOUNDS.centre + near);
+        let moved = BOUNDS.clip(BOUNDS.centre, far) - BOUNDS.centre;
+        assert!(moved.normalize().distance(far.normalize()) < MOVE_TOLERANCE_M);
+        assert!((moved.y - 0.5 * (1.0 - EyeBounds::SOFT_SHARE)).abs() < MOVE_TOLERANCE_M);
+        let at_wall = BOUNDS.centre + dvec3(0.5, 0.0, 0.0);
+        assert_eq!(BOUNDS.clip(at_wall, far), at_wall);
     }
 
     #[test]

@@ -4,12 +4,13 @@ use crate::input::keymap::Command;
 use crate::playback::automation::save_screenshot;
 use crate::playback::eye_path::CameraPath;
 use crate::playback::{camera_file, export};
-use crate::thread::exchange::{ExportOrder, Location, Order};
+use crate::thread::exchange::{Location, Order};
 use crate::thread::session::Opening;
 use crate::thread::slot::lock;
-use crate::window::app::Viewer;
+use crate::window::app::{SourceOrigin, Viewer};
 use crate::window::messages::Kind;
 use egui::{Context, ViewportCommand};
+use headbox_core::view::{Control, EXPOSURE, SettingValue};
 use std::{
     path::Path,
     sync::{Arc, Mutex},
@@ -27,7 +28,8 @@ impl Viewer {
             Command::NextStereo => self.display.stereo = self.display.stereo.next(),
             Command::SaveFrame => self.save_frame(now_s),
             Command::SaveCamera => self.save_camera(),
-            Command::SaveWindow => self.save_window(ctx),
+            Command::Save { path, replace } => self.save(path, replace, now_s),
+            Command::SaveWindow => self.save_window(ctx, now_s),
             Command::ToggleRecording => self.toggle_recording(now_s),
             Command::TogglePlayback => self.toggle_playback(now_s),
             Command::SavePath => self.save_path(now_s),
@@ -35,7 +37,14 @@ impl Viewer {
             Command::ExportPath => self.export_path(now_s),
             Command::CancelExport => self.session.order(Order::CancelExport),
             Command::ShowOpen => self.show_open(now_s),
+            Command::AskSystem(question) => self.ask_system(question),
             Command::Open(location) => self.open(location),
+            Command::Expose(stops) => self.expose(stops, now_s),
+            Command::ToggleOrbit => self.toggle_orbit(now_s),
+            Command::Approach => self.approach(),
+            Command::AddBookmark(name) => self.add_bookmark(&name, now_s),
+            Command::RemoveBookmark(index) => self.remove_bookmark(index, now_s),
+            Command::GoToBookmark(index) => self.go_to_bookmark(index, now_s),
             Command::Start => self.back_to_start(ctx),
             Command::Act(action) => self.session.order(Order::Act(action)),
             Command::FullScreen => {
@@ -57,6 +66,7 @@ impl Viewer {
             self.path_recorder.stop();
             self.eye.pose = info.start_pose;
             self.eye.motion.stop();
+            (self.eye.orbit, self.eye.flight) = (None, None);
             self.eye.moved_s = now_s;
         }
     }
@@ -66,11 +76,14 @@ impl Viewer {
         if !self.start_page.has_library {
             return;
         }
+        self.keep_thumbnail();
+        (self.origin, self.being_opened) = Default::default();
         (self.info, self.opening, self.view_request, self.exporting) = (None, None, None, None);
         self.path_recorder.stop();
         if let Some(old) = self.shown.take() {
             self.session.recycle(old.pictures);
         }
+        self.opening_orders += 1;
         self.session.order(Order::Close);
         ctx.send_viewport_cmd(ViewportCommand::Title("headbox".into()));
     }
@@ -84,13 +97,46 @@ impl Viewer {
     }
 
     fn open(&mut self, location: Location) {
-        let (name, file) = match &location {
-            Location::Entry(id) => (id.clone(), None),
-            Location::File(path) => (path.display().to_string(), Some(path.clone())),
+        let (name, origin) = match &location {
+            Location::Entry(id) => {
+                let name = Some(id.clone());
+                (id.clone(), SourceOrigin { file: None, name })
+            }
+            Location::File(path) => {
+                let absolute = std::path::absolute(path);
+                let absolute = absolute.and_then(|path| path.canonicalize()).ok();
+                let origin = SourceOrigin {
+                    file: Some(path.clone()),
+                    name: absolute.map(|path| path.display().to_string()),
+                };
+                (path.display().to_string(), origin)
+            }
         };
         self.set_opening(name);
-        self.file_being_opened = file;
+        self.being_opened = origin;
+        self.opening_orders += 1;
         self.session.order(Order::Open(location));
+    }
+
+    /// Changes the exposure of the settings that the panel edits.
+    fn expose(&mut self, stops: f64, now_s: f64) {
+        let compare = self.display.compare;
+        let exposure = self.info.as_ref().and_then(|info| {
+            let mut settings = info.settings.iter();
+            let setting = settings.find(|setting| setting.id == EXPOSURE)?;
+            let value = self.sets.edited(compare).get_mut(EXPOSURE)?;
+            match (&setting.control, value) {
+                (Control::Number { range, .. }, SettingValue::Number(value)) => {
+                    *value = (*value + stops).clamp(*range.start(), *range.end());
+                    Some(*value)
+                }
+                _ => None,
+            }
+        });
+        if self.info.is_some() && exposure.is_none() {
+            let text = "The exposure of this view cannot be changed.";
+            self.messages.add(Kind::Done, text, now_s);
+        }
     }
 
     fn show_open(&mut self, now_s: f64) {
@@ -105,39 +151,16 @@ impl Viewer {
         }
     }
 
-    fn save_frame(&mut self, now_s: f64) {
-        let Some(frame) = self.frame_on_screen() else {
-            return self
-                .messages
-                .add(Kind::Error, "There is no frame to save yet.", now_s);
+    fn save_window(&mut self, ctx: &Context, now_s: f64) {
+        // The dialog would be in the picture, so this does not ask.
+        let dir = &self.options.output_dir;
+        let path = match export::claim_free_name(dir, "window", "png") {
+            Ok(path) => path,
+            Err(error) => {
+                let text = format!("{} cannot be written to: {error}.", dir.display());
+                return self.messages.add(Kind::Error, text, now_s);
+            }
         };
-        let dir = self.options.output_dir.clone();
-        self.session.run_in_background(move || {
-            let (width, pixels) = frame();
-            let path = export::free_name(&dir, "frame", "png");
-            saved_message(&path, export::write_png(&path, width, &pixels))
-        });
-    }
-
-    fn save_camera(&mut self) {
-        let (Some(info), Some(request)) = (&self.info, &self.view_request) else {
-            return;
-        };
-        let mut record = camera_file::record(&self.eye.pose, &info.file_frame);
-        record.size = Some(request.size_px);
-        self.save_json("camera", record);
-    }
-
-    fn save_json(&mut self, stem: &'static str, record: impl serde::Serialize + Send + 'static) {
-        let dir = self.options.output_dir.clone();
-        self.session.run_in_background(move || {
-            let path = export::free_name(&dir, stem, "json");
-            saved_message(&path, export::write_json(&path, &record))
-        });
-    }
-
-    fn save_window(&mut self, ctx: &Context) {
-        let path = export::free_name(&self.options.output_dir, "window", "png");
         let result = Arc::new(Mutex::new(None));
         save_screenshot(ctx, path.clone(), Arc::clone(&result));
         self.pending_shots.push((path, result));
@@ -193,20 +216,6 @@ impl Viewer {
         }
     }
 
-    fn save_path(&mut self, now_s: f64) {
-        let (Some(info), Some(path), Some(request)) =
-            (&self.info, &self.path_recorder.path, &self.view_request)
-        else {
-            return self.messages.add(
-                Kind::Done,
-                "There is no path to save: record one (R).",
-                now_s,
-            );
-        };
-        let record = camera_file::path_record(path, request.size_px, &info.file_frame);
-        self.save_json("path", record);
-    }
-
     fn load_path(&mut self, file: &Path, now_s: f64) {
         let Some(info) = &self.info else { return };
         match camera_file::read_path(file, &info.file_frame, info.start_pose.up) {
@@ -243,31 +252,4 @@ impl Viewer {
         }
         self.path_recorder.path = Some(path);
     }
-
-    fn export_path(&mut self, now_s: f64) {
-        let (Some(path), Some(request)) = (&self.path_recorder.path, &self.view_request) else {
-            return self.messages.add(
-                Kind::Done,
-                "There is no path to render: record one (R) or load one.",
-                now_s,
-            );
-        };
-        let dir = export::free_name(&self.options.output_dir, "path", "frames");
-        let (path, size, settings) = (path.clone(), request.size_px, Arc::clone(&self.sets.a));
-        self.exporting = Some([0, path.poses().len()]);
-        self.session.order(Order::Export(ExportOrder {
-            path,
-            size,
-            settings,
-            dir,
-        }));
-    }
-}
-
-/// Message about the result of writing a file.
-fn saved_message(path: &Path, result: std::io::Result<()>) -> Result<String, String> {
-    let path = path.display();
-    result
-        .map(|()| format!("Saved {path}."))
-        .map_err(|e| format!("{path} cannot be written: {e}."))
 }

@@ -2,6 +2,7 @@
 
 use crate::input::motion::Steering;
 use crate::thread::exchange::Location;
+use crate::window::system_dialog::SystemQuestion;
 use egui::{InputState, Key};
 use glam::DVec3;
 use std::path::PathBuf;
@@ -22,11 +23,24 @@ pub(crate) enum Command {
     SavePath,
     LoadPath(PathBuf),
     ExportPath,
+    /// Writes what the dialog is about to a file or folder; may replace a file.
+    Save {
+        path: PathBuf,
+        replace: bool,
+    },
     CancelExport,
     ShowOpen,
+    AskSystem(SystemQuestion),
     Start,
     Open(Location),
     Act(&'static str),
+    /// Changes the exposure by a number of stops.
+    Expose(f64),
+    ToggleOrbit,
+    Approach,
+    AddBookmark(String),
+    RemoveBookmark(usize),
+    GoToBookmark(usize),
     FullScreen,
     Dismiss,
 }
@@ -40,6 +54,8 @@ pub(crate) enum Effect {
     Turn([i8; 2]),
     /// Executes a command once per press.
     Command(Command),
+    /// Goes to the bookmark of the key's number.
+    Bookmark,
 }
 
 /// A row of the table: alternative keys for one effect.
@@ -73,6 +89,35 @@ const fn press(keys: &'static [Key], command: Command, help: &'static str) -> Bi
     }
 }
 
+/// Change of exposure by one press, stops.
+pub(crate) const EXPOSURE_STEP: f64 = 1.0 / 3.0;
+
+/// Keys of the bookmarks, in order.
+const NUMBERS: &[Key] = &[
+    Key::Num1,
+    Key::Num2,
+    Key::Num3,
+    Key::Num4,
+    Key::Num5,
+    Key::Num6,
+    Key::Num7,
+    Key::Num8,
+    Key::Num9,
+];
+
+impl Binding {
+    /// Names of the keys: "Home or C", "1 to 9".
+    pub(crate) fn names(&self) -> String {
+        let names: Vec<_> = self.keys.iter().map(|key| key.name()).collect();
+        match names.as_slice() {
+            [first, _, .., last] if self.effect == Effect::Bookmark => {
+                format!("{first} to {last}")
+            }
+            _ => names.join(" or "),
+        }
+    }
+}
+
 /// The keys, in the order of the list on F1.
 pub(crate) const BINDINGS: &[Binding] = &[
     drive(&[Key::W], [0, 0, 1], "Forward"),
@@ -86,14 +131,44 @@ pub(crate) const BINDINGS: &[Binding] = &[
     turn(&[Key::ArrowUp], [0, 1], "Look up"),
     turn(&[Key::ArrowDown], [0, -1], "Look down"),
     press(&[Key::Home, Key::C], Command::Centre, "Back to the centre"),
+    press(
+        &[Key::G],
+        Command::Approach,
+        "Go to what is under the pointer",
+    ),
+    press(
+        &[Key::V],
+        Command::ToggleOrbit,
+        "Orbit what is in the middle, or stop",
+    ),
+    press(
+        &[Key::Plus, Key::Equals],
+        Command::Expose(EXPOSURE_STEP),
+        "Brighter by a third of a stop",
+    ),
+    press(
+        &[Key::Minus],
+        Command::Expose(-EXPOSURE_STEP),
+        "Darker by a third of a stop",
+    ),
+    press(
+        &[Key::M],
+        Command::AddBookmark(String::new()),
+        "Bookmark this view",
+    ),
+    Binding {
+        keys: NUMBERS,
+        effect: Effect::Bookmark,
+        help: "Go to a bookmark",
+    },
     press(&[Key::B], Command::ToggleCompare, "Compare A with B"),
     press(
         &[Key::X],
         Command::NextStereo,
         "Stereo: off, cross-eyed, parallel",
     ),
-    press(&[Key::P], Command::SaveFrame, "Save the frame (PNG)"),
-    press(&[Key::K], Command::SaveCamera, "Save the camera (JSON)"),
+    press(&[Key::P], Command::SaveFrame, "Save the frame (PNG)…"),
+    press(&[Key::K], Command::SaveCamera, "Save the camera (JSON)…"),
     press(
         &[Key::R],
         Command::ToggleRecording,
@@ -144,7 +219,7 @@ pub(crate) fn steering(input: &InputState, listening: bool) -> Steering {
             match binding.effect {
                 Effect::Drive(axes) => drive += DVec3::from(axes.map(f64::from)),
                 Effect::Turn(axes) => (0..2).for_each(|i| turn[i] += f64::from(axes[i])),
-                Effect::Command(_) => {}
+                Effect::Command(_) | Effect::Bookmark => {}
             }
         }
     }
@@ -168,13 +243,15 @@ pub(crate) fn commands(input: &InputState) -> Vec<Command> {
                 if *key == wanted && !modifiers.command && !modifiers.ctrl)
         })
     };
-    let commands = BINDINGS.iter().filter(|b| b.keys.iter().any(pressed));
-    commands
-        .filter_map(|b| match &b.effect {
-            Effect::Command(c) => Some(c.clone()),
-            _ => None,
-        })
-        .collect()
+    let command = |binding: &Binding| {
+        let index = binding.keys.iter().position(pressed)?;
+        match &binding.effect {
+            Effect::Command(command) => Some(command.clone()),
+            Effect::Bookmark => Some(Command::GoToBookmark(index)),
+            Effect::Drive(_) | Effect::Turn(_) => None,
+        }
+    };
+    BINDINGS.iter().filter_map(command).collect()
 }
 
 #[cfg(test)]

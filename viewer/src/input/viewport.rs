@@ -2,6 +2,7 @@
 
 use crate::input::keymap::{self, Command};
 use crate::input::motion::{Steering, SteeringResponse};
+use crate::input::navigation::place_in_frame;
 use crate::panels;
 use crate::playback::path_recorder::Replay;
 use crate::thread::exchange::Job;
@@ -38,6 +39,9 @@ impl Viewer {
         if response.double_clicked_by(PointerButton::Primary) {
             self.commands.push(Command::Centre);
         }
+        let pointer = response.hover_pos();
+        let places = self.display.stereo.places();
+        self.pointed = pointer.and_then(|at| place_in_frame(at, rect, places));
         self.steer(ui, &response, now_s);
         // The eye never rests between two poses of a replay, however slow their frames are.
         let moving = now_s - self.eye.moved_s < REST_S || self.path_recorder.is_playing();
@@ -54,6 +58,7 @@ impl Viewer {
         if let Some(divider) = divider {
             panels::divider::paint(ui.painter(), rect, self.divider_x(rect), &divider);
         }
+        self.paint_pivot(ui.painter(), rect);
         self.paint_insets(ui.painter(), rect);
         self.paint_legend(ui.painter(), rect);
         self.paint_strip(ui.painter(), rect);
@@ -68,7 +73,7 @@ impl Viewer {
                 self.eye.pose = pose;
                 self.replay_ended = true;
             }
-            Replay::Idle => self.advance(ui, response),
+            Replay::Idle => self.advance(ui, response, now_s),
         }
         if self.eye.pose != before {
             self.eye.moved_s = now_s;
@@ -76,7 +81,7 @@ impl Viewer {
         self.path_recorder.record_pose(now_s, self.eye.pose);
     }
 
-    fn advance(&mut self, ui: &Ui, response: &Response) {
+    fn advance(&mut self, ui: &Ui, response: &Response, now_s: f64) {
         let listening = !ui.ctx().text_edit_focused();
         let (mut steering, dt_s) = ui.input(|i| {
             // After a rest, the time since the last pass is not the duration of the motion.
@@ -103,6 +108,15 @@ impl Viewer {
             speed_factor: steering.speed_factor,
             ..Steering::default()
         };
+        if steering != idle {
+            self.eye.flight = None;
+        }
+        if let Some(flight) = &self.eye.flight {
+            let (pose, is_over) = flight.pose_at(now_s);
+            self.eye.pose = pose;
+            self.eye.flight = self.eye.flight.take().filter(|_| !is_over);
+            return;
+        }
         if steering == idle && !self.eye.motion.is_moving() {
             return;
         }
@@ -119,7 +133,7 @@ impl Viewer {
             0.0
         };
         SteeringResponse {
-            navigation: info.map(|info| info.navigation).unwrap_or_default(),
+            navigation: self.navigation(),
             speed_m_per_s: self.eye.speed_m_per_s,
             grab_scene: self.eye.grab_scene,
             bounds: info

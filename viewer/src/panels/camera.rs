@@ -1,22 +1,69 @@
-//! Camera panel: position, direction and field of view of the eye.
+//! Camera panels: how the eye moves, and its numbers.
 
 use super::button;
 use crate::input::bounds::EyeBounds;
 use crate::input::keymap::Command;
 use crate::input::pose::Pose;
 use crate::input::steering::Eye;
-use egui::{Checkbox, DragValue, Slider, Ui};
+use crate::thread::exchange::SourceInfo;
+use egui::{Button, Checkbox, DragValue, Slider, Ui};
 use headbox_core::file_frame::FileFrame;
+use headbox_core::view::Navigation;
 
-/// Shows the controls. Positions are in the axes and unit of the scene's file, like those of the
-/// command line; the eye stays inside `bounds`.
+/// Shows the navigation mode, the way back to the start, and the field of view.
 pub(crate) fn show(
+    ui: &mut Ui,
+    eye: &mut Eye,
+    info: &SourceInfo,
+    navigation: Navigation,
+    now_s: f64,
+    commands: &mut Vec<Command>,
+) {
+    ui.horizontal(|ui| {
+        if !matches!(info.navigation, Navigation::Orbit { .. }) {
+            let (name, tip) = if info.navigation == Navigation::Walk {
+                ("Walk", "The keys move the eye on one level (V switches).")
+            } else {
+                ("Fly", "The keys move the eye where it looks (V switches).")
+            };
+            let orbits = matches!(navigation, Navigation::Orbit { .. });
+            let mut mode = |name: &str, tip: &str, is_on: bool| {
+                let clicked = ui.add(Button::selectable(is_on, name)).on_hover_text(tip).clicked();
+                if clicked && !is_on {
+                    commands.push(Command::ToggleOrbit);
+                }
+            };
+            mode(name, tip, !orbits);
+            let tip = "A drag circles the point in the middle of the frame (V switches).";
+            mode("Orbit", tip, orbits);
+        }
+        let tip = "Back to where the view started (Home, C, or a double click). G looks at what is under the \
+                   pointer, and approaches it.";
+        button(ui, "Centre", tip, Command::Centre, commands);
+    });
+    let mut fov = eye.pose.fov_y_deg;
+    let slider = Slider::new(&mut fov, Pose::FOV_Y_DEG)
+        .suffix("°")
+        .max_decimals(1)
+        .text("View");
+    if ui
+        .add(slider)
+        .on_hover_text("Vertical field of view in degrees (mouse wheel).")
+        .changed()
+    {
+        eye.pose.fov_y_deg = fov;
+        stop(eye, now_s);
+    }
+}
+
+/// Shows position, direction and speed. Positions are in the axes and unit of the scene's file, like
+/// those of the command line; the eye stays inside `bounds`.
+pub(crate) fn show_numbers(
     ui: &mut Ui,
     eye: &mut Eye,
     bounds: Option<&EyeBounds>,
     frame: &FileFrame,
     now_s: f64,
-    commands: &mut Vec<Command>,
 ) {
     // A control may round the value that it shows, so only changed values are applied.
     let mut moved = false;
@@ -61,27 +108,7 @@ pub(crate) fn show(
                 .turned(0.0, pitch.to_radians() - eye.pose.pitch_rad);
             moved = true;
         }
-        button(
-            ui,
-            "Centre",
-            "Back to where the view started (Home, C, or a double click).",
-            Command::Centre,
-            commands,
-        );
     });
-    let mut fov = eye.pose.fov_y_deg;
-    let slider = Slider::new(&mut fov, Pose::FOV_Y_DEG)
-        .suffix("°")
-        .max_decimals(1)
-        .text("View");
-    if ui
-        .add(slider)
-        .on_hover_text("Vertical field of view in degrees (mouse wheel).")
-        .changed()
-    {
-        eye.pose.fov_y_deg = fov;
-        moved = true;
-    }
     ui.add(Slider::new(&mut eye.speed_m_per_s, 0.001..=100.0).logarithmic(true).suffix(" m/s").text("Speed"))
         .on_hover_text(
             "Speed of the eye with a key held, in metres per second; shift is 4 times as fast, alt as slow.",
@@ -91,9 +118,15 @@ pub(crate) fn show(
             "On: what is under the pointer follows it. Off: the head turns with the pointer.",
         );
     if moved {
-        eye.motion.stop();
-        eye.moved_s = now_s;
+        stop(eye, now_s);
     }
+}
+
+/// Ends all motion, since the user has set the pose.
+fn stop(eye: &mut Eye, now_s: f64) {
+    eye.motion.stop();
+    eye.flight = None;
+    eye.moved_s = now_s;
 }
 
 fn angle(degrees: &mut f64) -> DragValue<'_> {

@@ -40,7 +40,7 @@ impl Display {
     }
 }
 
-/// Shows the controls. `moving_scale` is the current scale while moving.
+/// Shows quality, stereo and comparison. `moving_scale` is the current scale while moving.
 pub(crate) fn show(ui: &mut Ui, display: &mut Display, sets: &mut SettingSets, moving_scale: f64) {
     let text = if display.lower_resolution && moving_scale < 1.0 {
         format!(
@@ -52,13 +52,8 @@ pub(crate) fn show(ui: &mut Ui, display: &mut Display, sets: &mut SettingSets, m
     };
     ui.add(Checkbox::new(&mut display.lower_resolution, text)).on_hover_text(
         "Renders at a share (in % of each side) of the window's pixels while the eye moves, if frames take longer than \
-         the limit below; at rest every pixel is rendered.",
+         the limit under Display and fewer pixels save time; at rest every pixel is rendered.",
     );
-    ui.add_enabled(
-        display.lower_resolution,
-        Slider::new(&mut display.target_ms, 4.0..=100.0).logarithmic(true).suffix(" ms").max_decimals(0).text("Limit"),
-    )
-    .on_hover_text("The longest a frame should take while the eye moves, in milliseconds (16 ms: 60 frames a second).");
     ui.horizontal(|ui| {
         ui.label("Stereo");
         for stereo in Stereo::ALL {
@@ -72,15 +67,16 @@ pub(crate) fn show(ui: &mut Ui, display: &mut Display, sets: &mut SettingSets, m
             ui.selectable_value(&mut display.stereo, stereo, stereo.name()).on_hover_text(tip);
         }
     });
-    ui.add_enabled(
-        display.stereo != Stereo::Off,
-        Slider::new(&mut display.separation_m, 0.001..=1.0)
-            .logarithmic(true)
-            .suffix(" m")
-            .max_decimals(3)
-            .text("Eyes apart"),
-    )
-    .on_hover_text("Distance between the two eyes in metres (a person's: 0.063 m).");
+    if display.stereo != Stereo::Off {
+        ui.add(
+            Slider::new(&mut display.separation_m, 0.001..=1.0)
+                .logarithmic(true)
+                .suffix(" m")
+                .max_decimals(3)
+                .text("Eyes apart"),
+        )
+        .on_hover_text("Distance between the two eyes in metres (a person's: 0.063 m).");
+    }
     let before = display.compare;
     ui.add(Checkbox::new(&mut display.compare, "Compare A with B"))
         .on_hover_text(
@@ -90,6 +86,15 @@ pub(crate) fn show(ui: &mut Ui, display: &mut Display, sets: &mut SettingSets, m
         // B starts as a copy of A, so that the images differ only by later changes.
         (sets.b, sets.edits_b) = (Arc::clone(&sets.a), true);
     }
+}
+
+/// Shows the time limit of frames, and the insets.
+pub(crate) fn show_details(ui: &mut Ui, display: &mut Display) {
+    ui.add_enabled(
+        display.lower_resolution,
+        Slider::new(&mut display.target_ms, 4.0..=100.0).logarithmic(true).suffix(" ms").max_decimals(0).text("Limit"),
+    )
+    .on_hover_text("The longest a frame should take while the eye moves, in milliseconds (16 ms: 60 frames a second).");
     ui.add(Checkbox::new(&mut display.insets, "Headbox and plan"))
         .on_hover_text("Shows in the corner where the eye is in the headbox (sizes in metres), and on the plan.");
 }

@@ -38,10 +38,7 @@ pub(crate) fn show(ctx: &Context, open: &mut bool) {
 fn keys(ui: &mut Ui) {
     let half = BINDINGS.len().div_ceil(2);
     for (i, column) in BINDINGS.chunks(half).enumerate() {
-        let rows = column.iter().map(|binding| {
-            let keys: Vec<_> = binding.keys.iter().map(|key| key.name()).collect();
-            (keys.join(" or "), binding.help)
-        });
+        let rows = column.iter().map(|binding| (binding.names(), binding.help));
         list(ui, i, rows);
     }
 }

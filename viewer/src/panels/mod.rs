@@ -1,6 +1,7 @@
 //! Panels around the frame. Each is a file: a function of the state it shows, which it changes in
 //! place or by a [`Command`](crate::input::keymap::Command).
 
+pub(crate) mod bookmarks;
 pub(crate) mod camera;
 pub(crate) mod chart;
 pub(crate) mod display;
@@ -12,6 +13,7 @@ pub(crate) mod messages;
 pub(crate) mod open;
 pub(crate) mod record;
 pub(crate) mod room_map;
+pub(crate) mod save;
 pub(crate) mod source;
 pub(crate) mod start;
 pub(crate) mod statistics;

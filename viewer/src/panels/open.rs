@@ -4,8 +4,14 @@
 use crate::input::keymap::Command;
 use crate::playback::recent::RecentFiles;
 use crate::thread::exchange::Location;
-use egui::{Button, Context, Key, Label, RichText, ScrollArea, TextEdit, Ui, vec2};
+use crate::window::system_dialog::SystemQuestion;
+use egui::{
+    Button, Context, Image, Key, Label, RichText, ScrollArea, TextEdit, TextureHandle, Ui, vec2,
+};
 use std::path::{Path, PathBuf};
+
+/// Size of the thumbnail of a row, points.
+const PICTURE_POINTS: egui::Vec2 = vec2(56.0, 42.0);
 
 /// State of the list.
 #[derive(Default)]
@@ -22,8 +28,8 @@ pub(crate) struct OpenList {
 }
 
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-struct Contents {
-    folders: Vec<String>,
+pub(super) struct Contents {
+    pub(super) folders: Vec<String>,
     files: Vec<String>,
 }
 
@@ -38,6 +44,11 @@ impl OpenList {
             };
             self.go(dir.unwrap_or_else(|_| PathBuf::from("/")));
         }
+    }
+
+    /// Folder that is listed.
+    pub(crate) fn dir(&self) -> &Path {
+        &self.dir
     }
 
     fn go(&mut self, dir: PathBuf) {
@@ -67,7 +78,7 @@ impl OpenList {
 }
 
 /// Lists folders and files with one of the extensions in `dir`, by name, without hidden ones.
-fn list(dir: &Path, extensions: &[String]) -> std::io::Result<Contents> {
+pub(super) fn list(dir: &Path, extensions: &[String]) -> std::io::Result<Contents> {
     let mut contents = Contents::default();
     for entry in std::fs::read_dir(dir)? {
         let entry = entry?;
@@ -95,9 +106,12 @@ fn list(dir: &Path, extensions: &[String]) -> std::io::Result<Contents> {
 pub(crate) fn show(
     ctx: &Context,
     list: &mut OpenList,
-    recent: &RecentFiles,
+    recent: &mut RecentFiles,
     commands: &mut Vec<Command>,
 ) {
+    if !list.is_open {
+        return;
+    }
     let (mut is_open, mut next_dir, mut chosen) = (list.is_open, None, None);
     let room = ctx.content_rect().size() - vec2(40.0, 90.0);
     let size = vec2(420.0, 360.0).min(room).max(vec2(80.0, 60.0));
@@ -112,6 +126,14 @@ pub(crate) fn show(
                 {
                     next_dir = list.dir.parent().map(Path::to_owned);
                 }
+                let ask = Command::AskSystem(SystemQuestion::Open);
+                super::button(
+                    ui,
+                    "Browse…",
+                    "Opens the dialog of the desktop.",
+                    ask,
+                    commands,
+                );
                 let field = TextEdit::singleline(&mut list.path)
                     .desired_width(f32::INFINITY)
                     .hint_text("Path");
@@ -134,23 +156,24 @@ pub(crate) fn show(
                     ui.label(error);
                 }
                 for folder in &list.contents.folders {
-                    if row(ui, &format!("{folder}/"), "Opens this folder.") {
+                    if row(ui, None, &format!("{folder}/"), "Opens this folder.") {
                         next_dir = Some(list.dir.join(folder));
                     }
                 }
                 for file in &list.contents.files {
-                    if row(ui, file, "Opens this file.") {
+                    if row(ui, None, file, "Opens this file.") {
                         chosen = Some(list.dir.join(file));
                     }
                 }
-                let mut paths = recent.paths().peekable();
-                if paths.peek().is_some() {
+                let recent = recent.with_thumbnails(ctx);
+                if !recent.is_empty() {
                     ui.separator();
                     ui.weak("Opened last");
                 }
-                for path in paths {
-                    if row(ui, &path.display().to_string(), "Opens this file again.") {
-                        chosen = Some(path.to_owned());
+                for (path, picture) in recent {
+                    let text = path.display().to_string();
+                    if row(ui, picture.as_ref(), &text, "Opens this file again.") {
+                        chosen = Some(path);
                     }
                 }
             });
@@ -163,10 +186,15 @@ pub(crate) fn show(
 }
 
 /// Shows a row of the list that is clickable over its whole width; returns true if it was clicked.
-fn row(ui: &mut Ui, text: &str, tooltip: &str) -> bool {
-    let row = Button::selectable(false, text)
-        .truncate()
-        .min_size(vec2(ui.available_width(), 0.0));
+pub(super) fn row(ui: &mut Ui, picture: Option<&TextureHandle>, text: &str, tooltip: &str) -> bool {
+    let button = match picture {
+        Some(picture) => {
+            let picture = Image::new(picture).fit_to_exact_size(PICTURE_POINTS);
+            Button::selectable(false, (picture, text))
+        }
+        None => Button::selectable(false, text),
+    };
+    let row = button.truncate().min_size(vec2(ui.available_width(), 0.0));
     ui.add(row).on_hover_text(tooltip).clicked()
 }
 

@@ -4,22 +4,21 @@ use super::{button, enabled_button};
 use crate::input::keymap::Command;
 use crate::playback::path_recorder::{PathRecorder, ReplayMode};
 use egui::{Checkbox, ProgressBar, TextEdit, Ui};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Shows the controls.
 pub(crate) fn show(
     ui: &mut Ui,
     recorder: &mut PathRecorder,
     exporting: Option<[usize; 2]>,
-    output_dir: &Path,
     now_s: f64,
     commands: &mut Vec<Command>,
 ) {
     ui.horizontal(|ui| {
-        button(ui, "Save frame", "Writes the frame as PNG, in pixels of the window (P).", Command::SaveFrame, commands);
+        button(ui, "Save frame…", "Asks where to write the frame as PNG, in pixels of the window (P).", Command::SaveFrame, commands);
         let tip = "Writes eye, look-at point (in the scene file's unit), field of view (degrees) and size (pixels) as \
                    JSON, in the words of the command line (K).";
-        button(ui, "Save camera", tip, Command::SaveCamera, commands);
+        button(ui, "Save camera…", tip, Command::SaveCamera, commands);
     });
     ui.horizontal(|ui| {
         let (text, tip) = match recorder.recorded() {
@@ -73,8 +72,6 @@ pub(crate) fn show(
         (None, None) => {}
     }
     path_files(ui, recorder, exporting, commands);
-    ui.weak(format!("Files go to {}", output_dir.display()))
-        .on_hover_text("Folder for everything saved here.");
 }
 
 fn path_files(
@@ -86,13 +83,13 @@ fn path_files(
     let has_path = recorder.path.is_some();
     ui.horizontal(|ui| {
         let tip = "Writes the path as JSON: times in seconds, cameras in the words of the command line.";
-        enabled_button(ui, has_path, "Save path", tip, Command::SavePath, commands);
+        enabled_button(ui, has_path, "Save path…", tip, Command::SavePath, commands);
         if exporting.is_some() {
             button(ui, "Stop rendering", "Leaves out the frames not yet written.", Command::CancelExport, commands);
         } else {
             let tip =
                 "Renders every pose of the path with the settings of A to a numbered PNG, in pixels of the window.";
-            enabled_button(ui, has_path, "Render path", tip, Command::ExportPath, commands);
+            enabled_button(ui, has_path, "Render path…", tip, Command::ExportPath, commands);
         }
     });
     if let Some([done, total]) = exporting {

@@ -4,46 +4,73 @@ use super::{button, section};
 use crate::input::keymap::Command;
 use crate::input::steering::SettingSets;
 use crate::thread::exchange::SourceInfo;
-use egui::{Checkbox, ComboBox, Slider, Ui};
-use headbox_core::view::{Control, Setting, SettingValue, SettingValues};
-use std::{ops::RangeInclusive, sync::Arc};
+use egui::{Checkbox, ComboBox, Slider, SliderClamping, Ui};
+use headbox_core::view::{Control, EXPOSURE, Setting, SettingValue, SettingValues};
+use std::ops::RangeInclusive;
 
-/// Shows the controls by group, in order of first appearance.
-pub(crate) fn show(
+/// Heading of the settings that belong to the picture.
+const PICTURE: &str = "View";
+
+/// Range of the exposure's slider, stops. Values beyond can be typed.
+const SLIDER_STOPS: RangeInclusive<f64> = -6.0..=6.0;
+
+/// Shows which of the two sets the controls below change, if both are on the screen.
+pub(crate) fn choose_set(ui: &mut Ui, sets: &mut SettingSets, compare: bool) {
+    if !compare {
+        return;
+    }
+    ui.horizontal(|ui| {
+        ui.label("Settings of");
+        ui.selectable_value(&mut sets.edits_b, false, "A")
+            .on_hover_text("Change what is left of the divider.");
+        ui.selectable_value(&mut sets.edits_b, true, "B")
+            .on_hover_text("Change what is right of the divider.");
+        if ui
+            .button("Swap")
+            .on_hover_text("Exchanges the settings of A and B.")
+            .clicked()
+        {
+            std::mem::swap(&mut sets.a, &mut sets.b);
+        }
+    });
+}
+
+/// Shows the controls that belong to the picture, the exposure first.
+pub(crate) fn picture(
     ui: &mut Ui,
     info: &SourceInfo,
-    sets: &mut SettingSets,
-    compare: bool,
+    values: &mut SettingValues,
+    commands: &mut Vec<Command>,
+) {
+    let settings = || {
+        info.settings
+            .iter()
+            .filter(|setting| setting.group == PICTURE)
+    };
+    let is_exposure = |setting: &&Setting| setting.id == EXPOSURE;
+    let first = settings().filter(is_exposure);
+    for setting in first.chain(settings().filter(|setting| !is_exposure(setting))) {
+        control(ui, info, setting, values, commands);
+    }
+}
+
+/// Shows the other controls by group, in order of first appearance: those of the groups that are
+/// initially folded or unfolded, as `folded` says.
+pub(crate) fn groups(
+    ui: &mut Ui,
+    info: &SourceInfo,
+    values: &mut SettingValues,
+    folded: bool,
     commands: &mut Vec<Command>,
 ) {
     let settings = &info.settings;
-    if compare {
-        ui.horizontal(|ui| {
-            ui.label("Settings of");
-            ui.selectable_value(&mut sets.edits_b, false, "A")
-                .on_hover_text("Change what is left of the divider.");
-            ui.selectable_value(&mut sets.edits_b, true, "B")
-                .on_hover_text("Change what is right of the divider.");
-            if ui
-                .button("Swap")
-                .on_hover_text("Exchanges the settings of A and B.")
-                .clicked()
-            {
-                std::mem::swap(&mut sets.a, &mut sets.b);
-            }
-        });
-    }
-    let values = Arc::make_mut(if compare && sets.edits_b {
-        &mut sets.b
-    } else {
-        &mut sets.a
-    });
     let mut groups: Vec<(&str, bool)> = Vec::new();
     for setting in settings {
         if groups.iter().all(|(group, _)| *group != setting.group) {
             groups.push((&setting.group, setting.folded));
         }
     }
+    groups.retain(|group| group.0 != PICTURE && group.1 == folded);
     for (group, folded) in groups {
         section(ui, group, !folded, |ui| {
             for setting in settings.iter().filter(|s| s.group == group) {
@@ -77,6 +104,18 @@ fn control(
                     }
                 });
             list.response.on_hover_text(tip);
+        }
+        (Control::Number { range, unit, .. }, Some(SettingValue::Number(value)))
+            if setting.id == EXPOSURE =>
+        {
+            let slider = Slider::new(value, SLIDER_STOPS)
+                .clamping(SliderClamping::Never)
+                .custom_formatter(|stops, _| format!("{stops:+.1}"))
+                .suffix(format!(" {unit}"))
+                .text(label);
+            ui.add(slider)
+                .on_hover_text(format!("{tip} (Keys + and -.)"));
+            *value = value.clamp(*range.start(), *range.end());
         }
         (
             Control::Number {

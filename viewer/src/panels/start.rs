@@ -1,6 +1,7 @@
 //! Start page, shown while there is no source.
 
 use crate::input::keymap::Command;
+use crate::panels::open::row;
 use crate::panels::theme;
 use crate::playback::recent::RecentFiles;
 use crate::source::{Entry, Thumbnail};
@@ -55,7 +56,7 @@ pub(crate) fn show(
     ui: &mut Ui,
     page: &mut StartPage,
     opening: Option<&Opening>,
-    recent: &RecentFiles,
+    recent: &mut RecentFiles,
     commands: &mut Vec<Command>,
 ) {
     if opening.is_some() || !page.has_library {
@@ -112,27 +113,22 @@ pub(crate) fn show(
 }
 
 /// Shows the recent files, one row each.
-fn recent_files(ui: &mut Ui, recent: &RecentFiles, commands: &mut Vec<Command>) {
-    if recent.paths().next().is_none() {
+fn recent_files(ui: &mut Ui, recent: &mut RecentFiles, commands: &mut Vec<Command>) {
+    let recent = recent.with_thumbnails(ui.ctx());
+    if recent.is_empty() {
         return;
     }
     ui.strong("Opened last");
     let width = ROW_POINTS.min(ui.available_width() - 16.0).max(0.0);
-    for path in recent.paths() {
-        let name = path
-            .file_name()
-            .unwrap_or_default()
-            .to_string_lossy()
-            .into_owned();
-        let row = Button::selectable(false, name)
-            .truncate()
-            .min_size(vec2(width, 0.0));
-        if ui
-            .add(row)
-            .on_hover_text(format!("Opens {}.", path.display()))
-            .clicked()
-        {
-            commands.push(Command::Open(Location::File(path.to_owned())));
+    for (path, picture) in recent {
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        let tip = format!("Opens {}.", path.display());
+        let clicked = ui.scope(|ui| {
+            ui.set_max_width(width);
+            row(ui, picture.as_ref(), &name, &tip)
+        });
+        if clicked.inner {
+            commands.push(Command::Open(Location::File(path)));
         }
     }
     ui.add_space(14.0);

@@ -1,13 +1,20 @@
 //! List of recently opened files, stored between runs in a small JSON file.
 
+use crate::playback::thumbnails::ThumbnailCache;
+use crate::source::Thumbnail;
+use egui::{Context, TextureHandle};
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 /// Recently opened files, newest first.
-#[derive(Clone, Debug, Default)]
+#[derive(Default)]
 pub(crate) struct RecentFiles {
     paths: Vec<PathBuf>,
     /// File of the list.
     file: Option<PathBuf>,
+    cache: ThumbnailCache,
+    /// Thumbnails that were looked for, by path.
+    textures: HashMap<PathBuf, Option<TextureHandle>>,
 }
 
 impl RecentFiles {
@@ -28,7 +35,41 @@ impl RecentFiles {
                 paths.push(path);
             }
         }
-        Self { paths, file }
+        Self {
+            paths,
+            file,
+            ..Self::default()
+        }
+    }
+
+    /// Sets the cache in which thumbnails are found and kept.
+    pub(crate) fn set_cache(&mut self, cache: ThumbnailCache) {
+        self.cache = cache;
+    }
+
+    /// Keeps the thumbnail of a file.
+    pub(crate) fn keep_thumbnail(&mut self, path: &Path, thumbnail: &Thumbnail) {
+        if let Some(key) = ThumbnailCache::file_key(path) {
+            self.cache.write(&key, thumbnail);
+            self.textures.remove(&canonical(path));
+        }
+    }
+
+    /// Files of the list that still exist, with their thumbnails.
+    pub(crate) fn with_thumbnails(
+        &mut self,
+        ctx: &Context,
+    ) -> Vec<(PathBuf, Option<TextureHandle>)> {
+        let paths: Vec<_> = self.paths().map(Path::to_owned).collect();
+        let with_thumbnail = |path: PathBuf| {
+            let texture = self.textures.entry(path.clone()).or_insert_with(|| {
+                let thumbnail = self.cache.read(&ThumbnailCache::file_key(&path)?)?;
+                thumbnail.texture(ctx, &format!("thumbnail {}", path.display()))
+            });
+            let texture = texture.clone();
+            (path, texture)
+        };
+        paths.into_iter().map(with_thumbnail).collect()
     }
 
     /// Files of the list that still exist.

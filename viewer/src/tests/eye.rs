@@ -117,3 +117,105 @@ fn resting_eye_requests_no_frames() {
         "nor for passes"
     );
 }
+
+/// Angle of half a pixel in the windows of these tests, and the noise of `f32`, radians.
+const POINTING_TOLERANCE_RAD: f64 = 4e-3;
+
+#[test]
+fn the_eye_orbits_the_point_in_the_middle() {
+    let mut window = room();
+    settle(&mut window);
+    let start = window.state().eye.pose;
+    press(&mut window, Key::V);
+    wait(&mut window, "the pivot", |viewer| {
+        viewer.eye.orbit.is_some()
+    });
+    let pivot = window.state().eye.orbit.unwrap();
+    let to_pivot = pivot - start.eye;
+    assert!(to_pivot.normalize().distance(start.forward()) < POINTING_TOLERANCE_RAD);
+    // The front wall is 4 m away; the ball stands before it.
+    assert!((1.0..4.2).contains(&to_pivot.length()), "{pivot}");
+    window.drag_at(IN_FRAME);
+    window.step();
+    window.hover_at(IN_FRAME + vec2(100.0, 0.0));
+    window.step();
+    window.drop_at(IN_FRAME + vec2(100.0, 0.0));
+    window.step();
+    let pose = window.state().eye.pose;
+    assert!(pose.eye.distance(start.eye) > 0.05, "{}", pose.eye);
+    assert!(pose.forward().distance((pivot - pose.eye).normalize()) < 1e-6);
+    press(&mut window, Key::V);
+    window.run_steps(5);
+    assert_eq!(window.state().eye.orbit, None);
+}
+
+#[test]
+fn g_approaches_what_is_under_the_pointer() {
+    let mut window = room();
+    settle(&mut window);
+    let start = window.state().eye.pose;
+    let at = Pos2::new(600.0, 900.0);
+    window.hover_at(at);
+    window.run_steps(2);
+    let [x, y] = window.state().pointed.unwrap();
+    let [width, height] = size_px(&window);
+    let camera = start.camera(width, height).unwrap();
+    let ray = camera
+        .direction(x * f64::from(width), y * f64::from(height))
+        .normalize();
+    press(&mut window, Key::G);
+    wait(&mut window, "the flight", |viewer| {
+        viewer.eye.flight.is_some()
+    });
+    wait(&mut window, "its end", |viewer| viewer.eye.flight.is_none());
+    let pose = window.state().eye.pose;
+    assert!(pose.forward().distance(ray) < POINTING_TOLERANCE_RAD);
+    let way = pose.eye - start.eye;
+    assert!(way.normalize().distance(ray) < POINTING_TOLERANCE_RAD);
+    let bounds = window.state().info.as_ref().unwrap().bounds.unwrap();
+    assert!(way.length() > 0.2 && bounds.contains(pose.eye), "{way}");
+}
+
+#[test]
+fn a_bookmark_brings_the_eye_back() {
+    let mut window = room();
+    window.key_down(Key::W);
+    window.run_steps(10);
+    window.key_up(Key::W);
+    settle(&mut window);
+    let marked = window.state().eye.pose;
+    press(&mut window, Key::M);
+    press(&mut window, Key::Home);
+    press(&mut window, Key::Num2);
+    assert_eq!(texts(&window)[1], "There is no bookmark 2: M adds one.");
+    press(&mut window, Key::Num1);
+    wait(&mut window, "the flight", |viewer| {
+        viewer.eye.flight.is_none()
+    });
+    settle(&mut window);
+    let pose = window.state().eye.pose;
+    assert!(pose.eye.distance(marked.eye) < 1e-9, "{}", pose.eye);
+    assert!(pose.forward().distance(marked.forward()) < 1e-9);
+}
+
+#[test]
+fn plus_and_minus_change_the_exposure() {
+    let mut window = room();
+    settle(&mut window);
+    let stops = |window: &Window| window.state().sets.a.number("exposure").unwrap();
+    let middle = |window: &Window| {
+        let image = &window.state().shown.as_ref().unwrap().pictures[0].image;
+        image.pixels[image.pixels.len() / 2].g()
+    };
+    let before = middle(&window);
+    for _ in 0..3 {
+        press(&mut window, Key::Minus);
+    }
+    settle(&mut window);
+    assert!((stops(&window) + 1.0).abs() < 1e-9);
+    assert_eq!(middle(&window), before / 2);
+    for _ in 0..100 {
+        press(&mut window, Key::Plus);
+    }
+    assert_eq!(stops(&window), 16.0, "the end of the range");
+}

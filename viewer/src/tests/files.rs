@@ -1,6 +1,7 @@
 use super::*;
 use crate::input::keymap::Command;
 use crate::playback::camera_file;
+use crate::thread::exchange::Location;
 use crate::{Exit, ReplayMode};
 use egui::Key;
 use headbox_core::file_frame::FileFrame;
@@ -45,6 +46,7 @@ fn the_frame_is_saved_as_it_is_shown() {
     let mut window = window_saving_to(dir.path());
     settle(&mut window);
     press(&mut window, Key::P);
+    save(&mut window);
     wait(&mut window, "the file", |viewer| {
         viewer.messages.iter().len() == 1
     });
@@ -68,6 +70,7 @@ fn camera_is_saved_as_command_line_arguments() {
     let mut window = window_saving_to(dir.path());
     settle(&mut window);
     press(&mut window, Key::K);
+    save(&mut window);
     wait(&mut window, "the file", |viewer| {
         viewer.messages.iter().len() == 1
     });
@@ -87,12 +90,107 @@ fn camera_is_saved_as_command_line_arguments() {
 }
 
 #[test]
+fn saving_asks_before_it_replaces_a_file() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut window = window_saving_to(dir.path());
+    settle(&mut window);
+    press(&mut window, Key::P);
+    // Taken after the dialog has proposed it.
+    let file = dir.path().join("frame-0001.png");
+    std::fs::write(&file, "old").unwrap();
+    save(&mut window);
+    assert!(window.query_by_label("frame-0001.png exists.").is_some());
+    assert_eq!(std::fs::read(&file).unwrap(), b"old");
+    click(&mut window, "Replace");
+    wait(&mut window, "the file", |viewer| {
+        viewer.messages.iter().len() == 1
+    });
+    assert!(image::open(&file).is_ok(), "{:?}", texts(&window));
+}
+
+#[test]
+fn keys_do_not_act_while_the_save_dialog_is_open() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut window = window_saving_to(dir.path());
+    settle(&mut window);
+    press(&mut window, Key::P);
+    window.run_steps(3);
+    press(&mut window, Key::X);
+    assert_eq!(window.state().display.stereo, crate::Stereo::Off);
+    press(&mut window, Key::Escape);
+    window.run_steps(3);
+    assert!(!window.state().save_dialog.is_open());
+    assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0);
+}
+
+#[test]
+fn recent_file_has_the_thumbnail_of_its_last_frame() {
+    let dir = tempfile::tempdir().unwrap();
+    let file = dir.path().join("ball.room");
+    std::fs::write(&file, "ball").unwrap();
+    let mut window = open(
+        None,
+        ViewerOptions {
+            library: Some(Box::new(Rooms)),
+            thumbnail_dir: Some(dir.path().join("cache")),
+            ..ViewerOptions::default()
+        },
+    );
+    let open_file = Command::Open(Location::File(file.clone()));
+    window.state_mut().commands.push(open_file);
+    wait(&mut window, "the ball", |viewer| viewer.shown.is_some());
+    settle(&mut window);
+    press(&mut window, Key::Backspace);
+    let ctx = window.ctx.clone();
+    let recent = window.state_mut().recent.with_thumbnails(&ctx);
+    let [(path, Some(picture))] = recent.as_slice() else {
+        panic!("{} files", recent.len())
+    };
+    assert!(path.ends_with("ball.room"));
+    assert_eq!(picture.size(), [200, 150]);
+}
+
+#[test]
+fn thumbnails_of_entries_are_rendered_once() {
+    /// Rooms whose thumbnails cannot be rendered.
+    struct Faceless;
+    impl Library for Faceless {
+        fn entries(&self) -> Vec<crate::Entry> {
+            Rooms.entries()
+        }
+        fn extensions(&self) -> Vec<String> {
+            Vec::new()
+        }
+        fn open_entry(&mut self, _: &str) -> Result<Box<dyn FrameSource>, String> {
+            Err(String::new())
+        }
+        fn open_file(&mut self, _: &Path) -> Result<Box<dyn FrameSource>, String> {
+            Err(String::new())
+        }
+    }
+    let dir = tempfile::tempdir().unwrap();
+    let libraries: [Box<dyn Library>; 2] = [Box::new(Rooms), Box::new(Faceless)];
+    for library in libraries {
+        let options = ViewerOptions {
+            library: Some(library),
+            thumbnail_dir: Some(dir.path().into()),
+            ..ViewerOptions::default()
+        };
+        let mut window = open(None, options);
+        wait(&mut window, "the thumbnails", |viewer| {
+            viewer.start_page.has_all_thumbnails()
+        });
+    }
+}
+
+#[test]
 fn unwritable_file_is_reported() {
     let dir = tempfile::tempdir().unwrap();
     let file = dir.path().join("file");
     std::fs::write(&file, "").unwrap();
     let mut window = window_saving_to(&file);
     press(&mut window, Key::P);
+    save(&mut window);
     wait(&mut window, "the message", |viewer| {
         viewer.messages.iter().len() == 1
     });
@@ -124,7 +222,8 @@ fn recorded_path_is_replayed_and_saved() {
     });
     assert_eq!(window.state().eye.pose, end);
     click(&mut window, "Record");
-    click(&mut window, "Save path");
+    click(&mut window, "Save path…");
+    save(&mut window);
     wait(&mut window, "the file", |viewer| {
         viewer
             .messages
@@ -193,7 +292,8 @@ fn a_path_is_rendered_to_frames() {
         viewer.replay_ended
     });
     click(&mut window, "Record");
-    click(&mut window, "Render path");
+    click(&mut window, "Render path…");
+    save(&mut window);
     wait(&mut window, "the frames", |viewer| {
         viewer.exporting.is_none()
     });

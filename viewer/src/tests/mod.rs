@@ -13,6 +13,7 @@ mod snapshots;
 mod room;
 
 use crate::playback::automation::Outcome;
+use crate::playback::thumbnails::ThumbnailCache;
 use crate::source::{FrameSource, Library};
 use crate::thread::session::Session;
 use crate::window::app::Viewer;
@@ -51,7 +52,14 @@ fn open_on(
     painter: painter::Painter,
 ) -> Window {
     let (library, can_open) = (options.library.take(), source.is_none());
-    let session = Session::start(source, None, library, Arc::new(|| ())).unwrap();
+    let session = Session::start(
+        source,
+        options.coming.take(),
+        library,
+        ThumbnailCache::new(options.thumbnail_dir.clone()),
+        Arc::new(|| ()),
+    )
+    .unwrap();
     let viewer = Viewer::new(
         session,
         options,
@@ -124,6 +132,13 @@ fn settle(window: &mut Window) {
 fn press(window: &mut Window, key: egui::Key) {
     window.key_press(key);
     window.step();
+}
+
+/// Saves under the name that the dialog proposes.
+fn save(window: &mut Window) {
+    window.run_steps(5);
+    press(window, egui::Key::Enter);
+    window.run_steps(2);
 }
 
 /// Clicks the control with this label.

@@ -49,10 +49,22 @@ fn every_control_has_a_tooltip() {
             ..ViewerOptions::default()
         },
     );
-    click(&mut window, "Record");
-    window.run_steps(20);
     // Section headers need no tooltip.
-    let headers = ["View", "Tests", "Statistics", "Camera", "Display", "Record"];
+    let headers = [
+        "Camera",
+        "Picture",
+        "Tests",
+        "Bookmarks",
+        "Record",
+        "Position and speed",
+        "Display",
+        "Statistics",
+    ];
+    window.state_mut().add_bookmark("door", 0.0);
+    for folded in &headers[3..] {
+        click(&mut window, folded);
+        window.run_steps(20);
+    }
     let bare: Vec<_> = without_tooltip(&window);
     let bare: Vec<_> = bare
         .into_iter()
@@ -255,7 +267,7 @@ fn a_row_is_clicked_anywhere_along_it() {
     window.run_steps(3);
     // A heading folds by a click at its far end.
     assert!(window.query_by_label("Compare A with B").is_some());
-    let heading = window.get_by_label("Display").rect();
+    let heading = window.get_by_label("Picture").rect();
     assert!(heading.width() > 200.0, "{heading:?}");
     click_at(
         &mut window,
@@ -282,4 +294,90 @@ fn a_row_is_clicked_anywhere_along_it() {
             .as_ref()
             .is_some_and(|info| info.title == "Checker ball")
     });
+}
+
+#[test]
+fn expert_controls_are_folded() {
+    let mut window = room();
+    for label in ["Orbit", "Exposure", "Fewer pixels while moving"] {
+        let mut found = window.query_all_by_label_contains(label);
+        assert!(found.next().is_some(), "{label}");
+    }
+    assert!(window.query_by_label("Drag moves the scene").is_none());
+    click(&mut window, "Position and speed");
+    window.run_steps(20);
+    assert!(window.query_by_label("Drag moves the scene").is_some());
+}
+
+/// Rooms that are opened when a message arrives.
+struct Gated(std::sync::mpsc::Receiver<()>);
+
+impl Library for Gated {
+    fn entries(&self) -> Vec<crate::Entry> {
+        Rooms.entries()
+    }
+
+    fn extensions(&self) -> Vec<String> {
+        Rooms.extensions()
+    }
+
+    fn open_entry(&mut self, id: &str) -> Result<Box<dyn FrameSource>, String> {
+        self.0.recv().map_err(|error| error.to_string())?;
+        Rooms.open_entry(id)
+    }
+
+    fn open_file(&mut self, path: &std::path::Path) -> Result<Box<dyn FrameSource>, String> {
+        Rooms.open_file(path)
+    }
+}
+
+#[test]
+fn backspace_while_opening_leads_to_the_start_page() {
+    let (gate, gated) = std::sync::mpsc::channel();
+    let options = ViewerOptions {
+        library: Some(Box::new(Gated(gated))),
+        ..ViewerOptions::default()
+    };
+    let mut window = open(None, options);
+    step_until(&mut window, "the entries", |window| {
+        window.query_by_label("Checker hall").is_some()
+    });
+    click(&mut window, "Checker hall");
+    assert!(window.state().opening.is_some());
+    press(&mut window, Key::Backspace);
+    window.run_steps(2);
+    assert!(window.query_by_label("Checker ball").is_some());
+    click(&mut window, "Checker ball");
+    // The hall arrives, though nobody waits for it.
+    gate.send(()).unwrap();
+    std::thread::sleep(Duration::from_millis(50));
+    window.run_steps(5);
+    assert!(window.state().info.is_none() && window.state().opening.is_some());
+    gate.send(()).unwrap();
+    wait(&mut window, "the ball", |viewer| viewer.shown.is_some());
+    assert_eq!(window.state().info.as_ref().unwrap().title, "Checker ball");
+}
+
+#[test]
+fn backspace_gives_up_a_source_that_another_thread_opens() {
+    let (sender, source) = std::sync::mpsc::channel();
+    let options = ViewerOptions {
+        library: Some(Box::new(Rooms)),
+        coming: Some(crate::PendingSource {
+            name: "room".into(),
+            source,
+        }),
+        ..ViewerOptions::default()
+    };
+    let mut window = open(None, options);
+    window.state_mut().set_opening("room".into());
+    window.run_steps(3);
+    assert!(window.query_by_label("Checker hall").is_none());
+    press(&mut window, Key::Backspace);
+    window.run_steps(3);
+    // Fails if the window no longer waits, which is as well.
+    let _ = sender.send(Ok(Box::new(CheckerRoom::new(Kind::Walk))));
+    click(&mut window, "Checker ball");
+    wait(&mut window, "the ball", |viewer| viewer.shown.is_some());
+    assert_eq!(window.state().info.as_ref().unwrap().title, "Checker ball");
 }

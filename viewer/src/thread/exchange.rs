@@ -5,7 +5,9 @@ use crate::input::pose::Pose;
 use crate::playback::eye_path::CameraPath;
 use crate::source::{Entry, FrameSource, Thumbnail};
 use crate::thread::slot::{Inbox, Slot, lock};
+use crate::window::system_dialog::SystemQuestion;
 use egui::{Color32, ColorImage};
+use glam::DVec3;
 use headbox_core::camera::Camera;
 use headbox_core::file_frame::FileFrame;
 use headbox_core::view::{FrameReport, Navigation, RoomMap, Setting, SettingValues};
@@ -36,6 +38,30 @@ pub(crate) enum Order {
     Export(ExportOrder),
     /// Cancels the running export.
     CancelExport,
+    /// Measures the depth of a point of the view.
+    Probe(Probe),
+}
+
+/// Measurement of the depth of a point of the view.
+#[derive(Clone, Debug)]
+pub(crate) struct Probe {
+    /// Id of the source that the window showed.
+    pub source_id: u64,
+    /// Pose from which the point is seen.
+    pub pose: Pose,
+    /// Camera of a few pixels about the point.
+    pub camera: Camera,
+    pub settings: Arc<SettingValues>,
+    pub goal: ProbeGoal,
+}
+
+/// Use of a measured point.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum ProbeGoal {
+    /// The eye orbits about the point.
+    Orbit,
+    /// The eye turns to the point and approaches it.
+    Approach,
 }
 
 /// Export of a path: one PNG file per pose.
@@ -126,10 +152,28 @@ impl SourceInfo {
 
 /// Event from the render thread to the window.
 pub(crate) enum Event {
-    /// A source is ready.
-    Opened(Box<SourceInfo>),
+    /// A source is ready. `orders` is the number of orders to open or close so far: the event is
+    /// obsolete if the window has issued more.
+    Opened {
+        /// Description of the source.
+        info: Box<SourceInfo>,
+        /// Number of orders to open or close so far.
+        orders: u64,
+    },
     /// Opening failed; the previous source stays.
-    OpenFailed(String),
+    OpenFailed {
+        /// Error message.
+        error: String,
+        /// Same as for [`Self::Opened`].
+        orders: u64,
+    },
+    /// A point was measured; without a point if nothing is there or the source has no depth.
+    Probed {
+        /// The measurement.
+        probe: Box<Probe>,
+        /// The point, world metres.
+        point: Option<DVec3>,
+    },
     /// The source panicked and was dropped.
     Lost(String),
     /// Error message.
@@ -143,6 +187,15 @@ pub(crate) enum Event {
     },
     /// Thumbnail of an entry.
     Thumbnail { id: String, thumbnail: Thumbnail },
+    /// A dialog of the desktop was answered; without a path if it was closed.
+    Chosen {
+        /// The question.
+        question: SystemQuestion,
+        /// The answer.
+        path: Option<PathBuf>,
+        /// False if there was no dialog.
+        is_shown: bool,
+    },
     /// Number of frames written and total number, of the running export; `None` when it has ended.
     Exported(Option<[usize; 2]>),
 }

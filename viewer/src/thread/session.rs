@@ -4,6 +4,7 @@
 //! the other. Everything slow (opening, rendering, writing path frames, thumbnails) runs on the
 //! thread.
 
+use crate::playback::thumbnails::ThumbnailCache;
 use crate::source::{FrameSource, Library, PendingSource};
 use crate::thread::exchange::{Event, FinishedFrame, Job, Order, Picture, Shared, WakeCallback};
 use crate::thread::worker::Worker;
@@ -34,6 +35,7 @@ impl Session {
         source: Option<Box<dyn FrameSource>>,
         coming: Option<PendingSource>,
         library: Option<Box<dyn Library>>,
+        thumbnails: ThumbnailCache,
         wake: WakeCallback,
     ) -> std::io::Result<Self> {
         let shared = Arc::new(Shared::default());
@@ -43,6 +45,7 @@ impl Session {
             sender.clone(),
             Arc::clone(&wake),
             library,
+            thumbnails,
         );
         let thread = Builder::new()
             .name("render".into())
@@ -81,6 +84,27 @@ impl Session {
         self.shared.recycle(pictures);
     }
 
+    /// Sends the event that `wait` returns, from its own thread. The window does not wait for it when
+    /// it closes.
+    pub(crate) fn send_later(&self, wait: impl FnOnce() -> Event + Send + 'static) {
+        let (sender, wake) = (self.sender.clone(), Arc::clone(&self.wake));
+        let spawned = Builder::new().name("dialog".into()).spawn(move || {
+            // Fails only if the window is closed.
+            let _ = sender.send(wait());
+            wake();
+        });
+        if let Err(error) = spawned {
+            self.send_thread_error(&error);
+        }
+    }
+
+    fn send_thread_error(&self, error: &std::io::Error) {
+        // The receiver is ours, so this cannot fail.
+        let _ = self
+            .sender
+            .send(Event::Error(format!("Cannot start a thread: {error}.")));
+    }
+
     /// Runs slow work (writing a file) on its own thread and reports the outcome as a message.
     pub(crate) fn run_in_background(
         &mut self,
@@ -95,12 +119,7 @@ impl Session {
         });
         match spawned {
             Ok(thread) => self.threads.push(thread),
-            Err(error) => {
-                // The receiver is ours, so this cannot fail.
-                let _ = self
-                    .sender
-                    .send(Event::Error(format!("Cannot start a thread: {error}.")));
-            }
+            Err(error) => self.send_thread_error(&error),
         }
     }
 }

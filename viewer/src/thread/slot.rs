@@ -88,11 +88,6 @@ impl<Order, Job> Inbox<Order, Job> {
         self.changed.notify_one();
     }
 
-    /// Returns true after [`Self::close`].
-    pub(crate) fn is_closed(&self) -> bool {
-        lock(&self.state).closed
-    }
-
     /// Closes the inbox: ends all current and future waits.
     pub(crate) fn close(&self) {
         lock(&self.state).closed = true;

@@ -1,9 +1,10 @@
 //! The loop of the render thread.
 
 use crate::playback::export;
+use crate::playback::thumbnails::ThumbnailCache;
 use crate::source::{Entry, FrameSource, Library, PendingSource};
 use crate::thread::exchange::{
-    Event, ExportOrder, FinishedFrame, Job, Location, Order, Picture, Shared, SourceInfo,
+    Event, ExportOrder, FinishedFrame, Job, Location, Order, Picture, Probe, Shared, SourceInfo,
     WakeCallback,
 };
 use crate::thread::slot::{Next, Wait};
@@ -25,7 +26,12 @@ pub(crate) struct Worker {
     source: Option<Box<dyn FrameSource>>,
     /// Number of sources so far: a job for an earlier one is dropped.
     source_id: u64,
+    /// Number of orders to open or close so far.
+    orders: u64,
+    /// Source that another thread opens.
+    coming: Option<PendingSource>,
     library: Option<Box<dyn Library>>,
+    thumbnails: ThumbnailCache,
     /// Entries of the start page that have no thumbnail yet, last first.
     without_thumbnail: Vec<Entry>,
     /// Job to render again because its frame can improve, and the time to do so.
@@ -45,6 +51,7 @@ impl Worker {
         events: mpsc::Sender<Event>,
         wake: WakeCallback,
         library: Option<Box<dyn Library>>,
+        thumbnails: ThumbnailCache,
     ) -> Self {
         Self {
             shared,
@@ -52,7 +59,10 @@ impl Worker {
             wake,
             source: None,
             source_id: 0,
+            orders: 0,
+            coming: None,
             library,
+            thumbnails,
             without_thumbnail: Vec::new(),
             refinement: None,
             export: None,
@@ -77,14 +87,13 @@ impl Worker {
                 extensions,
             });
         }
-        if let Some(coming) = coming {
-            self.await_source(&coming);
-        }
+        self.coming = coming;
         loop {
             match self.shared.inbox.next(self.request_timeout()) {
                 Next::Closed => return,
                 Next::Order(order) => self.execute(order),
                 Next::Job(job) => self.render(job),
+                Next::Nothing if self.coming.is_some() => self.poll_coming(),
                 Next::Nothing if self.export.is_some() => self.export_step(),
                 Next::Nothing => match self.refinement.take() {
                     Some((job, _)) => self.render(job),
@@ -94,28 +103,29 @@ impl Worker {
         }
     }
 
-    /// Waits for a source that another thread opens, or until the window is closed.
-    fn await_source(&mut self, coming: &PendingSource) {
-        /// Interval of the test whether the window was closed.
-        const POLL: Duration = Duration::from_millis(50);
-        while !self.shared.inbox.is_closed() {
-            match coming.source.recv_timeout(POLL) {
-                Err(mpsc::RecvTimeoutError::Timeout) => {}
-                Err(mpsc::RecvTimeoutError::Disconnected) => {
-                    return self.send(Event::OpenFailed(format!(
-                        "{} could not be opened.",
-                        coming.name
-                    )));
-                }
-                Ok(Ok(source)) => return self.install(source),
-                Ok(Err(error)) => return self.send(Event::OpenFailed(error)),
+    /// Installs the source that another thread opens, if it is ready.
+    fn poll_coming(&mut self) {
+        let Some(coming) = &self.coming else { return };
+        let opened = match coming.source.try_recv() {
+            Err(mpsc::TryRecvError::Empty) => return,
+            Err(mpsc::TryRecvError::Disconnected) => {
+                Err(format!("{} could not be opened.", coming.name))
             }
+            Ok(opened) => opened,
+        };
+        self.coming = None;
+        match opened {
+            Ok(source) => self.install(source),
+            Err(error) => self.send_failure(error),
         }
     }
 
     /// Timeout of the wait for the next request.
     fn request_timeout(&self) -> Wait {
+        /// Interval of the test whether a source of another thread is ready.
+        const POLL: Duration = Duration::from_millis(10);
         match &self.refinement {
+            _ if self.coming.is_some() => Wait::Until(Instant::now() + POLL),
             _ if self.export.is_some() || self.wants_thumbnail() => Wait::No,
             Some((_, due)) => Wait::Until(*due),
             None => Wait::Forever,
@@ -134,19 +144,32 @@ impl Worker {
         match catch_panic(|| SourceInfo::new(&*source, self.source_id)) {
             Ok(info) => {
                 self.source = Some(source);
-                self.send(Event::Opened(Box::new(info)));
+                let (info, orders) = (Box::new(info), self.orders);
+                self.send(Event::Opened { info, orders });
             }
-            Err(panic) => self.send(Event::OpenFailed(panic)),
+            Err(panic) => self.send_failure(panic),
         }
+    }
+
+    fn send_failure(&self, error: String) {
+        let orders = self.orders;
+        self.send(Event::OpenFailed { error, orders });
     }
 
     fn execute(&mut self, order: Order) {
         match order {
-            Order::Open(location) => match self.open(&location) {
-                Ok(source) => self.install(source),
-                Err(error) => self.send(Event::OpenFailed(error)),
-            },
-            Order::Close => (self.source, self.refinement, self.export) = (None, None, None),
+            Order::Open(location) => {
+                (self.orders, self.coming) = (self.orders + 1, None);
+                match self.open(&location) {
+                    Ok(source) => self.install(source),
+                    Err(error) => self.send_failure(error),
+                }
+            }
+            Order::Close => {
+                (self.orders, self.coming) = (self.orders + 1, None);
+                (self.source, self.refinement, self.export) = (None, None, None);
+            }
+            Order::Probe(probe) => self.probe(probe),
             Order::Act(action) => {
                 if let Some(source) = &mut self.source {
                     match catch_panic(|| source.act(action)) {
@@ -221,6 +244,34 @@ impl Worker {
         }
     }
 
+    /// Measures the depth of a point by rendering the pixels about it.
+    fn probe(&mut self, probe: Probe) {
+        let (true, Some(source)) = (probe.source_id == self.source_id, &mut self.source) else {
+            return;
+        };
+        let camera = probe.camera;
+        let [width, height] = [camera.width(), camera.height()].map(|side| side as usize);
+        let mut pixels = vec![[0; 4]; width * height];
+        let request = FrameRequest {
+            camera,
+            settings: Arc::clone(&probe.settings),
+            moving: true,
+            complete: false,
+            depth: true,
+        };
+        let [x, y] = [width, height].map(|side| side as f64 / 2.0);
+        match catch_panic(|| source.render(&request, &mut pixels)) {
+            Ok(Ok(report)) => {
+                let ray = camera.direction(x, y);
+                let point = report.depth_m.map(|depth_m| camera.eye() + ray * depth_m);
+                let probe = Box::new(probe);
+                self.send(Event::Probed { probe, point });
+            }
+            Ok(Err(error)) => self.send(Event::Error(error)),
+            Err(panic) => self.drop_source(panic),
+        }
+    }
+
     /// Writes the next frame of the export.
     fn export_step(&mut self) {
         let (Some(export), Some(source)) = (&mut self.export, &mut self.source) else {
@@ -253,7 +304,19 @@ impl Worker {
         let (Some(library), Some(entry)) = (&mut self.library, self.without_thumbnail.pop()) else {
             return;
         };
-        match catch_panic(|| library.thumbnail(&entry)) {
+        let key = ThumbnailCache::entry_key(&entry.id);
+        let known = key.as_ref().and_then(|key| self.thumbnails.read(key));
+        let made = match known {
+            Some(known) => Ok(Some(known)),
+            None => catch_panic(|| {
+                let made = library.thumbnail(&entry);
+                if let (Some(key), Some(made)) = (&key, &made) {
+                    self.thumbnails.write(key, made);
+                }
+                made
+            }),
+        };
+        match made {
             Ok(Some(thumbnail)) => self.send(Event::Thumbnail {
                 id: entry.id,
                 thumbnail,

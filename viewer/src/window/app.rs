@@ -7,20 +7,22 @@ use crate::input::steering::{Eye, SettingSets};
 use crate::panels;
 use crate::panels::display::Display;
 use crate::panels::open::OpenList;
+use crate::panels::save::SaveDialog;
 use crate::panels::start::StartPage;
 use crate::playback::automation::{Automation, Outcome, Progress};
-use crate::playback::camera_file;
+use crate::playback::bookmarks::Bookmarks;
 use crate::playback::path_recorder::PathRecorder;
 use crate::playback::recent::RecentFiles;
-use crate::thread::exchange::{Event, FinishedFrame, Location, SourceInfo};
-use crate::thread::history::{FrameTimes, History, add_stages};
+use crate::playback::thumbnails::ThumbnailCache;
+use crate::thread::exchange::{FinishedFrame, Location, SourceInfo};
+use crate::thread::history::History;
 use crate::thread::resolution::ResolutionPolicy;
 use crate::thread::session::{Opening, Session};
 use crate::thread::slot::lock;
 use crate::window::messages::{Kind, Messages};
 use crate::window::options::ViewerOptions;
 use crate::window::views::Stereo;
-use egui::{CentralPanel, Context, Frame, TextureHandle, Ui, ViewportCommand};
+use egui::{CentralPanel, Context, Frame, TextureHandle, Ui};
 use headbox_core::statistics::median;
 use headbox_core::view::{Refinement, SettingValues};
 use std::{
@@ -39,11 +41,18 @@ pub(crate) struct Viewer {
     pub opening: Option<Opening>,
     /// Recently opened files, newest first.
     pub recent: RecentFiles,
-    /// File being opened; becomes a recent file once it is open.
-    pub file_being_opened: Option<PathBuf>,
+    /// Source being opened; its file becomes a recent file once it is open.
+    pub being_opened: SourceOrigin,
+    /// Origin of the source that is shown.
+    pub origin: SourceOrigin,
+    /// Number of orders to open or close a source.
+    pub opening_orders: u64,
+    pub bookmarks: Bookmarks,
     pub eye: Eye,
     pub display: Display,
     pub sets: SettingSets,
+    /// Place of the pointer in the frame, as shares of width and height; `None` outside.
+    pub pointed: Option<[f64; 2]>,
     pub path_recorder: PathRecorder,
     /// True after a replay has run to its end.
     pub replay_ended: bool,
@@ -62,6 +71,7 @@ pub(crate) struct Viewer {
     pub show_keys: bool,
     pub full_screen: bool,
     pub open_list: OpenList,
+    pub save_dialog: SaveDialog,
     pub start_page: StartPage,
     /// Commands of panels and keys in this pass.
     pub commands: Vec<Command>,
@@ -69,7 +79,14 @@ pub(crate) struct Viewer {
     pub pending_shots: Vec<PendingShot>,
     pub automation: Automation,
     pub outcome: Arc<Mutex<Outcome>>,
-    run_times: RunTimes,
+    pub run_times: RunTimes,
+}
+
+/// Origin of a source: its file, and its name for bookmarks. Empty if it has none.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct SourceOrigin {
+    pub file: Option<PathBuf>,
+    pub name: Option<String>,
 }
 
 /// A screenshot's file and the result of writing it, `None` until it is written.
@@ -89,15 +106,15 @@ pub(crate) struct ViewRequest {
 
 /// Frame counts and times of the run, for the summary.
 #[derive(Default)]
-struct RunTimes {
+pub(crate) struct RunTimes {
     /// True after the first pass.
     passed: bool,
-    frames_shown: u64,
-    first: Option<Instant>,
-    last: Option<Instant>,
+    pub frames_shown: u64,
+    pub first: Option<Instant>,
+    pub last: Option<Instant>,
     pass_ms: Vec<f64>,
     /// Sum of the scales of the frames shown.
-    scales: f64,
+    pub scales: f64,
 }
 
 /// Number of passes in the median of the window's own time.
@@ -117,17 +134,28 @@ impl Viewer {
             motion: Motion::default(),
             speed_m_per_s: 1.0,
             grab_scene: false,
+            orbit: None,
+            flight: None,
             moved_s: f64::MIN,
         };
+        let mut recent = RecentFiles::read(options.recent_file.clone());
+        recent.set_cache(ThumbnailCache::new(options.thumbnail_dir.clone()));
         Self {
             session,
             info: None,
             opening: None,
-            recent: RecentFiles::read(options.recent_file.clone()),
-            file_being_opened: options.file.clone(),
+            recent,
+            being_opened: SourceOrigin {
+                file: options.file.clone(),
+                name: options.name.clone(),
+            },
+            origin: SourceOrigin::default(),
+            opening_orders: 0,
+            bookmarks: Bookmarks::default(),
             eye,
             display,
             sets: SettingSets::default(),
+            pointed: None,
             path_recorder: PathRecorder::new(options.replay),
             replay_ended: false,
             exporting: None,
@@ -143,6 +171,7 @@ impl Viewer {
             show_keys: false,
             full_screen: false,
             open_list: OpenList::default(),
+            save_dialog: SaveDialog::new(options.output_dir.clone()),
             start_page: StartPage {
                 has_library: can_open,
                 ..StartPage::default()
@@ -176,7 +205,7 @@ impl Viewer {
             self.upload_frame(&ctx, finished, now_s);
         }
         self.collect_shots(now_s);
-        if !ctx.text_edit_focused() {
+        if !ctx.text_edit_focused() && !self.save_dialog.is_open() {
             self.commands.extend(ui.input(keymap::commands));
         }
         let dropped = ui.input(|i| i.raw.dropped_files.first().map(|f| f.path().to_owned()));
@@ -191,14 +220,16 @@ impl Viewer {
                     ui,
                     &mut self.start_page,
                     self.opening.as_ref(),
-                    &self.recent,
+                    &mut self.recent,
                     &mut self.commands,
                 );
             }
         });
         panels::messages::show(&ctx, &mut self.messages);
         panels::keys::show(&ctx, &mut self.show_keys);
-        panels::open::show(&ctx, &mut self.open_list, &self.recent, &mut self.commands);
+        let recent = &mut self.recent;
+        panels::open::show(&ctx, &mut self.open_list, recent, &mut self.commands);
+        panels::save::show(&ctx, &mut self.save_dialog, &mut self.commands);
         for command in std::mem::take(&mut self.commands) {
             self.execute(&ctx, command, now_s);
         }
@@ -206,167 +237,6 @@ impl Viewer {
             ctx.request_repaint_after(Duration::from_secs_f64(left_s.max(0.0)));
         }
         self.step_automation(&ctx);
-    }
-
-    /// Handles an event of the render thread.
-    fn handle_event(&mut self, ctx: &Context, event: Event, now_s: f64) {
-        match event {
-            Event::Opened(info) => self.handle_opened(ctx, *info, now_s),
-            Event::OpenFailed(error) => {
-                (self.opening, self.file_being_opened) = (None, None);
-                self.messages.add(Kind::Error, error, now_s);
-            }
-            Event::Lost(error) => {
-                (self.info, self.exporting) = (None, None);
-                self.messages.add(Kind::Error, error, now_s);
-            }
-            Event::Error(error) => self.messages.add(Kind::Error, error, now_s),
-            Event::Done(text) => self.messages.add(Kind::Done, text, now_s),
-            Event::Library {
-                entries,
-                extensions,
-            } => {
-                self.start_page.set_entries(entries);
-                self.open_list.extensions = extensions;
-            }
-            Event::Thumbnail { id, thumbnail } => {
-                self.start_page.set_thumbnail(ctx, &id, &thumbnail);
-            }
-            Event::Exported(progress) => self.exporting = progress,
-        }
-    }
-
-    fn handle_opened(&mut self, ctx: &Context, info: SourceInfo, now_s: f64) {
-        ctx.send_viewport_cmd(ViewportCommand::Title(format!("{} - headbox", info.title)));
-        let mut values = SettingValues::initial(&info.settings);
-        let set =
-            |values: &mut SettingValues, texts: Vec<(String, String)>, messages: &mut Messages| {
-                for (id, text) in texts {
-                    if let Err(error) = values.set_text(&info.settings, &id, &text) {
-                        messages.add(Kind::Error, error, now_s);
-                    }
-                }
-            };
-        set(
-            &mut values,
-            std::mem::take(&mut self.options.settings),
-            &mut self.messages,
-        );
-        let a = Arc::new(values);
-        let b = self.options.compare.take().map(|texts| {
-            let mut values = (*a).clone();
-            set(&mut values, texts, &mut self.messages);
-            Arc::new(values)
-        });
-        self.display.compare = b.is_some();
-        self.sets = SettingSets {
-            b: b.unwrap_or_else(|| Arc::clone(&a)),
-            a,
-            edits_b: false,
-        };
-        self.eye.pose = self.options.pose.take().unwrap_or(info.start_pose);
-        self.eye.motion.stop();
-        self.eye.speed_m_per_s = info.speed_m_per_s;
-        self.path_recorder = PathRecorder::new(self.path_recorder.mode);
-        (self.opening, self.view_request, self.exporting) = (None, None, None);
-        if let Some(file) = self.file_being_opened.take() {
-            self.recent.add(&file);
-        }
-        if let Some(old) = self.shown.take() {
-            self.session.recycle(old.pictures);
-        }
-        self.policy.reset();
-        self.history.clear();
-        self.open_list.is_open = false;
-        for note in &info.notes {
-            self.messages.add(Kind::Done, note, now_s);
-        }
-        self.info = Some(info);
-        self.replay_given_path(now_s);
-    }
-
-    /// Replays the path that the window was started with.
-    fn replay_given_path(&mut self, now_s: f64) {
-        let (Some(file), Some(info)) = (self.options.path.take(), &self.info) else {
-            return;
-        };
-        match camera_file::read_path(&file, &info.file_frame, info.start_pose.up) {
-            Ok(path) => {
-                self.set_path(path, now_s);
-                self.commands.push(Command::TogglePlayback);
-            }
-            Err(error) => self.messages.add(Kind::Error, error.to_string(), now_s),
-        }
-    }
-
-    /// Uploads the pictures of a finished frame as textures, and adds its times to the history.
-    fn upload_frame(&mut self, ctx: &Context, finished: FinishedFrame, now_s: f64) {
-        let Some(info) = self
-            .info
-            .as_ref()
-            .filter(|info| info.id == finished.job.source_id)
-        else {
-            return;
-        };
-        // Nearest at full resolution; linear where fewer pixels are stretched over the window.
-        let exact = finished.job.scale == 1.0;
-        let filter = if exact {
-            egui::TextureOptions::NEAREST
-        } else {
-            egui::TextureOptions::LINEAR
-        };
-        for (i, picture) in finished.pictures.iter().enumerate() {
-            match self.textures.get_mut(i) {
-                // A texture of the same size is overwritten, which is faster than a new one.
-                Some(texture) if texture.size() == picture.image.size => {
-                    texture.set_partial([0, 0], Arc::clone(&picture.image), filter);
-                }
-                Some(texture) => texture.set(Arc::clone(&picture.image), filter),
-                None => {
-                    let name = format!("{} {i}", info.title);
-                    self.textures
-                        .push(ctx.load_texture(name, Arc::clone(&picture.image), filter));
-                }
-            }
-        }
-        let mut stages = Vec::new();
-        finished
-            .pictures
-            .iter()
-            .for_each(|p| add_stages(&mut stages, &p.report.stages));
-        if finished.job.moving {
-            self.policy.observe(
-                finished.job.scale,
-                finished.render_ms,
-                self.display.target_ms,
-            );
-        }
-        if finished.job.round == 0 {
-            self.history.push(FrameTimes {
-                shown_s: now_s,
-                render_ms: finished.render_ms,
-                latency_ms: finished.job.issued.elapsed().as_secs_f64() * 1e3,
-                stages,
-            });
-        }
-        if let Some(index) = finished.job.replayed {
-            self.path_recorder.advance_after(index);
-        }
-        self.run_times.scales += finished.job.scale;
-        self.count_frame(ctx);
-        if let Some(old) = self.shown.replace(finished) {
-            self.session.recycle(old.pictures);
-        }
-    }
-
-    fn count_frame(&mut self, ctx: &Context) {
-        self.run_times.frames_shown += 1;
-        self.run_times.last = Some(Instant::now());
-        if self.run_times.first.is_none() {
-            self.run_times.first = self.run_times.last;
-            // The next pass notes the time of the first image: only then is it on the screen.
-            ctx.request_repaint();
-        }
     }
 
     fn step_automation(&mut self, ctx: &Context) {

@@ -2,6 +2,7 @@
 
 use crate::panels::theme;
 use crate::playback::automation::Outcome;
+use crate::playback::thumbnails::ThumbnailCache;
 use crate::source::FrameSource;
 use crate::thread::session::Session;
 use crate::thread::slot::lock;
@@ -54,6 +55,13 @@ pub fn run(
         (Err(eframe::Error::WinitEventLoop(_)), _) => {
             Err(ViewerError::NoDisplay(describe_displays()))
         }
+        // The template in this error is for programmers.
+        (Err(eframe::Error::NoGlutinConfigs(_, error)), _) => {
+            Err(ViewerError::NoOpenGl(error.to_string()))
+        }
+        (Err(error @ (eframe::Error::Glutin(_) | eframe::Error::OpenGL(_))), _) => {
+            Err(ViewerError::NoOpenGl(error.to_string()))
+        }
         (Err(error), _) => Err(ViewerError::Window(error.to_string())),
         (Ok(()), Some(error)) => Err(ViewerError::Scripted(error)),
         (Ok(()), None) => Ok(outcome.summary),
@@ -99,6 +107,7 @@ fn create(
         source,
         options.coming.take(),
         options.library.take(),
+        ThumbnailCache::new(options.thumbnail_dir.clone()),
         Arc::new(move || waker.request_repaint_after(ONE_PASS)),
     )?;
     let mut viewer = Viewer::new(session, options, can_open, outcome);
@@ -127,5 +136,6 @@ impl App for Desktop {
 
     fn on_exit(&mut self, _gl: Option<&eframe::glow::Context>) {
         self.0.write_summary();
+        self.0.keep_thumbnail();
     }
 }

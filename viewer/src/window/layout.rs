@@ -2,7 +2,9 @@
 //! changes.
 
 use crate::input::keymap::Command;
-use crate::panels::{button, camera, display, record, section, source, statistics, status, theme};
+use crate::panels::{
+    bookmarks, button, camera, display, record, section, source, statistics, status, theme,
+};
 use crate::window::app::Viewer;
 use egui::{Area, Button, Context, Frame, Id, Label, Panel, RichText, ScrollArea, Ui, vec2};
 use headbox_core::file_frame::FileFrame;
@@ -121,44 +123,63 @@ impl Viewer {
             );
         });
         ui.add_space(4.0);
-        source::show(
-            ui,
-            info,
-            &mut self.sets,
-            self.display.compare,
-            &mut self.commands,
-        );
-        section(ui, "Statistics", false, |ui| {
-            statistics::show(ui, info, self.shown.as_ref(), &self.history);
-        });
+        self.visitor_sections(ui, now_s);
+        ui.add_space(4.0);
+        self.expert_sections(ui, now_s);
+        ui.add_space(6.0);
+    }
+
+    /// Shows what every visitor needs: camera, exposure, quality, what is shown.
+    fn visitor_sections(&mut self, ui: &mut Ui, now_s: f64) {
+        let navigation = self.navigation();
+        let Some(info) = &self.info else { return };
+        let (display, sets) = (&mut self.display, &mut self.sets);
         section(ui, "Camera", true, |ui| {
             camera::show(
                 ui,
                 &mut self.eye,
-                info.bounds.as_ref(),
-                &info.file_frame,
+                info,
+                navigation,
                 now_s,
                 &mut self.commands,
             );
         });
-        section(ui, "Display", true, |ui| {
-            display::show(
-                ui,
-                &mut self.display,
-                &mut self.sets,
-                self.policy.moving_scale(),
-            );
+        section(ui, "Picture", true, |ui| {
+            source::choose_set(ui, sets, display.compare);
+            let values = sets.edited(display.compare);
+            source::picture(ui, info, values, &mut self.commands);
+            display::show(ui, display, sets, self.policy.moving_scale());
+        });
+        let values = sets.edited(display.compare);
+        source::groups(ui, info, values, false, &mut self.commands);
+    }
+
+    /// Shows the folded sections.
+    fn expert_sections(&mut self, ui: &mut Ui, now_s: f64) {
+        let Some(info) = &self.info else { return };
+        section(ui, "Bookmarks", false, |ui| {
+            bookmarks::show(ui, &self.bookmarks, &mut self.commands);
         });
         section(ui, "Record", false, |ui| {
             record::show(
                 ui,
                 &mut self.path_recorder,
                 self.exporting,
-                &self.options.output_dir,
                 now_s,
                 &mut self.commands,
             );
         });
-        ui.add_space(6.0);
+        section(ui, "Position and speed", false, |ui| {
+            let (bounds, frame) = (info.bounds.as_ref(), &info.file_frame);
+            camera::show_numbers(ui, &mut self.eye, bounds, frame, now_s);
+        });
+        let values = self.sets.edited(self.display.compare);
+        source::groups(ui, info, values, true, &mut self.commands);
+        section(ui, "Display", false, |ui| {
+            display::show_details(ui, &mut self.display);
+        });
+        section(ui, "Statistics", false, |ui| {
+            statistics::show(ui, info, self.shown.as_ref(), &self.history);
+        });
     }
 }

@@ -19,6 +19,13 @@ pub struct ViewerOptions {
     pub file: Option<PathBuf>,
     /// File that stores the list of recent files; `None`: not stored.
     pub recent_file: Option<PathBuf>,
+    /// Name of the first source for its bookmarks, such as its absolute path; `None`: they are not
+    /// stored.
+    pub name: Option<String>,
+    /// Folder that stores bookmarks; `None`: not stored.
+    pub bookmark_dir: Option<PathBuf>,
+    /// Folder that caches thumbnails; `None`: not cached.
+    pub thumbnail_dir: Option<PathBuf>,
     /// Inner size of the window, points.
     pub window_size_points: [f32; 2],
     /// True to show the side panel and the status line initially.
@@ -42,7 +49,7 @@ pub struct ViewerOptions {
     pub path: Option<PathBuf>,
     /// Initial replay mode.
     pub replay: ReplayMode,
-    /// Folder for saved frames, cameras and paths.
+    /// Folder that is proposed for saved frames, cameras and paths.
     pub output_dir: PathBuf,
     /// PNG file for a screenshot of the whole window, taken just before the scripted end.
     pub screenshot: Option<PathBuf>,
@@ -63,6 +70,9 @@ impl Default for ViewerOptions {
             coming: None,
             file: None,
             recent_file: None,
+            name: None,
+            bookmark_dir: None,
+            thumbnail_dir: None,
             window_size_points: [1280.0, 800.0],
             panels: true,
             pose: None,
@@ -125,8 +135,11 @@ pub struct Summary {
 #[derive(Debug, thiserror::Error)]
 pub enum ViewerError {
     /// There is no display to open a window on.
-    #[error("there is no display to open a window on ({0}); the other commands work without one")]
+    #[error("there is no display to open a window on ({0})")]
     NoDisplay(String),
+    /// The display offers no OpenGL, as some remote desktops do.
+    #[error("this display has no OpenGL to draw with, as on some remote desktops ({0})")]
+    NoOpenGl(String),
     /// There is a display, but it cannot draw.
     #[error("cannot open a window: {0}")]
     Window(String),
