@@ -36,8 +36,9 @@ export DISPLAY
 unset WAYLAND_DISPLAY
 # A list of its own of what was opened last: a long one of somebody's pushes the pictures off the start page.
 XDG_STATE_HOME=$(cd "$out" && pwd)/state
-export XDG_STATE_HOME
-rm -rf "$XDG_STATE_HOME"
+XDG_CACHE_HOME=$(cd "$out" && pwd)/cache
+export XDG_STATE_HOME XDG_CACHE_HOME
+rm -rf "$XDG_STATE_HOME" "$XDG_CACHE_HOME"
 
 # Six poses that turn and step through the middle of the room.
 cat >"$out/path.json" <<'JSON'
@@ -99,6 +100,7 @@ for overlay in depth footprint overdraw clipping; do
     show "ldi_$overlay" "$out/interior.ldi" --frames 3 --set "overlay=$overlay" --path "$out/inside.json"
 done
 show scene builtin:sprites --frames 3
+show layers "$out/interior.ldi" builtin:statue@at=0.5,0,-0.8@scale=0.4 --frames 3 --path "$out/inside.json"
 if "$headbox" sprite --help >/dev/null 2>&1; then
     "$headbox" sprite builtin:sprites --size 320x240 -o "$out/layers.sprite" >"$out/sprite.txt"
     show sprite "$out/layers.sprite" --frames 3
@@ -143,6 +145,21 @@ env -u DISPLAY timeout 60 "$headbox" view "$out/interior.ldi" >"$out/no_display.
 cat "$out/no_display.txt"
 if [ "$status" -ne 1 ] || [ "$(wc -l <"$out/no_display.txt")" -ne 1 ] || ! grep -q 'no display' "$out/no_display.txt"; then
     echo "expected one sentence about the missing display and exit 1, got exit $status" >&2
+    exit 1
+fi
+echo "window: a display without OpenGL"
+: >"$out/bare_display"
+Xvfb -displayfd 3 -screen 0 640x480x24 -extension GLX 3>"$out/bare_display" 2>"$out/xvfb_bare.log" &
+bare=$!
+trap 'kill $xvfb $bare 2>/dev/null || true' EXIT
+while [ ! -s "$out/bare_display" ] && kill -0 $bare 2>/dev/null; do sleep 1; done
+status=0
+# EGL finds no driver either, and glutin must not fall back to one.
+DISPLAY=:$(cat "$out/bare_display") __EGL_VENDOR_LIBRARY_FILENAMES=/nowhere.json timeout 60 \
+    "$headbox" view "$out/interior.ldi" --frames 3 >"$out/no_opengl.json" 2>"$out/no_opengl.txt" || status=$?
+cat "$out/no_opengl.txt"
+if [ "$status" -ne 1 ] || ! grep -q 'no OpenGL.*headbox export' "$out/no_opengl.txt"; then
+    echo "expected a sentence about the missing OpenGL and exit 1, got exit $status" >&2
     exit 1
 fi
 echo "window: all is well; pictures are in $out"

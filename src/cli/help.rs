@@ -78,6 +78,7 @@ const EXAMPLES: [(&str, &str); 18] = [
     (
         "view",
         "headbox view                                             the start page\n  \
+         headbox view room.ldi chair.glb@at=1,0,-2                a model in a captured room\n  \
          headbox view room.obj                                    capture while looking around\n  \
          headbox view room.ldi --screenshot window.png            image of the window, for scripts",
     ),

@@ -534,6 +534,26 @@ fn window_without_display_exits_1_with_one_message() {
         code == Some(1) && message.lines().count() == 1 && message.contains("no display"),
         "{code:?}: {message}"
     );
+    assert!(message.contains("headbox render"), "{message}");
+    let capture =
+        "capture builtin:bump -o a.ldi --face-size 8 --strata 2 --rays 2 --light-samples 0";
+    let captured = Command::new(env!("CARGO_BIN_EXE_headbox"))
+        .args(capture.split(' '))
+        .current_dir(dir.path())
+        .status();
+    assert!(captured.unwrap().success());
+    let (code, message) = view(&["a.ldi"]);
+    let page = "headbox export a.ldi -o a.html";
+    assert!(
+        code == Some(1) && message.lines().count() == 1 && message.contains(page),
+        "{code:?}: {message}"
+    );
+    // Opened completely before the window is.
+    let (code, message) = view(&["a.ldi", "a.ldi", "builtin:bump@at=0,0,-3"]);
+    assert!(
+        code == Some(1) && message.contains("no display"),
+        "{code:?}: {message}"
+    );
     let (code, message) = view(&["nothing.ldi"]);
     assert!(
         code == Some(1) && message.contains("nothing.ldi"),

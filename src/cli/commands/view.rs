@@ -6,6 +6,7 @@ use crate::commands::images;
 use crate::commands::render::geometry::{
     GEOMETRY_ALONE, GeometryArgs, open_geometry, parse_texturing,
 };
+use crate::commands::render::layers;
 use crate::image_set::SetArgs;
 use crate::messages::UsageError;
 use crate::output::{Outputs, WINDOW, output_name, parent_folder, print_json};
@@ -15,9 +16,12 @@ use clap::Args;
 use headbox_core::camera::Camera;
 use headbox_images::{ImageSet, View, read_sparse_points};
 use headbox_ldi::from_images::{ImageSetCapture, NearestImages};
+use headbox_photos::cache;
 use headbox_photos::view_geometry::view::GeometryView;
 use headbox_photos::view_geometry::{GeometrySettings, Texturing};
-use headbox_viewer::{Exit, FrameSource, PendingSource, ReplayMode, Stereo, ViewerOptions};
+use headbox_viewer::{
+    Exit, FrameSource, PendingSource, ReplayMode, Stereo, ViewerError, ViewerOptions,
+};
 use headbox_window::{
     Marks, SceneLibrary, open, open_source, show_cube, show_live, show_marks, show_photographs,
     show_view,
@@ -30,8 +34,10 @@ use std::time::{Duration, Instant};
 pub(crate) struct ViewCommand {
     /// Input: a .ldi, .sprite, .lumi or .house file, a deep .exr, a home (Home.xml, .sh3d, .toml)
     /// to walk in, a folder of images, or a scene (.obj, .gltf, .glb, builtin:NAME) to capture
-    /// while looking around; the start page by default
-    file: Option<String>,
+    /// while looking around; or several .ldi and .sprite files, folders of images with depth and
+    /// models of one world, composed as by render; the start page by default
+    #[arg(value_name = "FILE")]
+    files: Vec<String>,
     /// Folder of images: draw it by view-dependent geometry, such as geometry-averaged, instead of
     /// a cube LDI
     #[arg(long, value_name = "NAME")]
@@ -115,23 +121,86 @@ const FRAMES_BEFORE_PICTURE: u64 = 3;
 
 impl ViewCommand {
     pub(crate) fn run(&self) -> anyhow::Result<()> {
-        let inputs = self.file.iter().map(Path::new).chain(self.path.as_deref());
+        let inputs = self.files.iter().map(Path::new).chain(self.path.as_deref());
         Outputs::new(self.json, inputs).maybe_file(self.screenshot.as_ref(), &WINDOW)?;
         let mut options = self.options()?;
         let mut source = None;
-        if let Some(file) = &self.file {
-            match open_or_defer(file, self.opener(file)?)? {
+        let opener = match self.files.as_slice() {
+            [] => None,
+            [file] => Some((file.clone(), self.opener(file)?)),
+            files => Some((files.join(", "), self.layers_opener()?)),
+        };
+        if let Some((name, opener)) = opener {
+            match open_or_defer(&name, opener)? {
                 OpenedSource::Ready(opened) => source = Some(opened),
                 OpenedSource::Pending(coming) => options.coming = Some(coming),
             }
         }
-        let summary = headbox_viewer::run(source, options)?;
+        let summary = headbox_viewer::run(source, options);
+        let summary = summary.map_err(|error| self.with_alternative(error))?;
         if self.json {
             print_json(&serde_json::to_value(summary)?);
         } else if let Some(screenshot) = &self.screenshot {
             println!("{}: a picture of the window", output_name(screenshot));
         }
         Ok(())
+    }
+
+    /// Adds to an error without a window how the input can be seen all the same.
+    fn with_alternative(&self, error: ViewerError) -> anyhow::Error {
+        if !matches!(
+            error,
+            ViewerError::NoDisplay(_) | ViewerError::NoOpenGl(_) | ViewerError::Window(_)
+        ) {
+            return error.into();
+        }
+        let has_page = |file: &&String| {
+            let representation = headbox_views::find(Path::new(file));
+            let exporters = representation.map_or(&[][..], |found| found.exporters);
+            exporters
+                .iter()
+                .any(|exporter| exporter.extension == "html")
+        };
+        let page = match self.files.as_slice() {
+            [file] => Some(file).filter(has_page),
+            _ => None,
+        };
+        match page {
+            Some(file) => {
+                let page = Path::new(file).with_extension("html");
+                anyhow::anyhow!(
+                    "{error}; see it in a browser: headbox export {file} -o {}; or render images: \
+                     headbox render {file} -o frame.png",
+                    page.display()
+                )
+            }
+            None => anyhow::anyhow!(
+                "{error}; headbox render makes images without a window, and headbox export makes pages for a browser"
+            ),
+        }
+    }
+
+    /// Creates the function that opens several files as one view.
+    ///
+    /// # Errors
+    /// A usage error if an option does not apply to several files.
+    fn layers_opener(&self) -> anyhow::Result<Opener> {
+        if self.live || self.variant.is_some() || self.geometry.are_given() {
+            bail_usage!(
+                "--live, --variant and the options of view-dependent geometry are for one folder of images"
+            );
+        }
+        let is_set = |file: &String| is_image_set(file);
+        self.images
+            .refuse_without_set(self.files.iter().any(is_set))?;
+        let files: Vec<PathBuf> = self.files.iter().map(PathBuf::from).collect();
+        let images = self.images;
+        Ok(Box::new(move || {
+            let view = layers::open(&files, &images)?;
+            let names = files.iter().filter_map(|file| file.file_name());
+            let names: Vec<_> = names.map(|name| name.to_string_lossy()).collect();
+            Ok(show_view(Box::new(view), Path::new(&names.join(" + "))))
+        }))
     }
 
     /// Creates the function that opens a file.
@@ -166,7 +235,7 @@ impl ViewCommand {
     }
 
     fn options(&self) -> Result<ViewerOptions, UsageError> {
-        if self.file.is_none()
+        if self.files.is_empty()
             && (self.path.is_some() || self.frames.is_some() || self.when_refined)
         {
             return Err(UsageError(
@@ -180,7 +249,7 @@ impl ViewCommand {
             (_, Some(frames), _) => Exit::AfterFrames(frames),
             _ if self.when_refined => Exit::WhenRefined,
             (.., Some(_)) if with_path => Exit::AfterPath,
-            (.., Some(_)) if self.file.is_some() => Exit::AfterFrames(FRAMES_BEFORE_PICTURE),
+            (.., Some(_)) if !self.files.is_empty() => Exit::AfterFrames(FRAMES_BEFORE_PICTURE),
             (.., Some(_)) => Exit::AfterThumbnails,
             _ => Exit::Never,
         };
@@ -189,12 +258,14 @@ impl ViewCommand {
             library: Some(Box::new(SceneLibrary {
                 output_dir: self.out.clone(),
             })),
-            file: self
-                .file
-                .as_ref()
-                .map(PathBuf::from)
-                .filter(|file| file.is_file()),
-            recent_file: recent_file(),
+            file: match self.files.as_slice() {
+                [file] => Some(PathBuf::from(file)).filter(|file| file.is_file()),
+                _ => None,
+            },
+            name: self.source_name(),
+            bookmark_dir: state_folder().map(|folder| folder.join("bookmarks")),
+            thumbnail_dir: cache::folder("thumbnails"),
+            recent_file: state_folder().map(|folder| folder.join("recent.json")),
             window_size_points: [width as f32, height as f32],
             panels: !self.no_panels,
             settings: self.set.clone(),
@@ -212,6 +283,18 @@ impl ViewCommand {
             exit,
             ..ViewerOptions::default()
         })
+    }
+}
+
+impl ViewCommand {
+    /// Name of the inputs for their bookmarks: absolute paths, and names of built-in scenes.
+    fn source_name(&self) -> Option<String> {
+        let absolute = |file: &String| match Path::new(file).canonicalize() {
+            Ok(path) => path.display().to_string(),
+            Err(_) => file.clone(),
+        };
+        let names: Vec<_> = self.files.iter().map(absolute).collect();
+        (!names.is_empty()).then(|| names.join(" + "))
     }
 }
 
@@ -290,8 +373,9 @@ fn open_or_defer(name: &str, open: Opener) -> anyhow::Result<OpenedSource> {
     }
 }
 
-/// File of the list of recent files, in the user's state folder; `None` if there is no such folder.
-fn recent_file() -> Option<PathBuf> {
+/// Folder of what the window keeps between runs, in the user's state folder; `None` if there is no
+/// such folder.
+fn state_folder() -> Option<PathBuf> {
     let folder = |key: &str| {
         std::env::var_os(key)
             .map(PathBuf::from)
@@ -302,7 +386,7 @@ fn recent_file() -> Option<PathBuf> {
     } else {
         folder("XDG_STATE_HOME").or_else(|| Some(folder("HOME")?.join(".local/state")))
     };
-    Some(state?.join("headbox/recent.json"))
+    Some(state?.join("headbox"))
 }
 
 /// Opens the window on a file, and returns when the window is closed.

@@ -1,6 +1,7 @@
 //! `headbox render`.
 
 pub(crate) mod geometry;
+pub(crate) mod layers;
 mod polygons;
 mod poses;
 pub(crate) mod radiance;
@@ -9,7 +10,6 @@ mod view_renderer;
 use self::view_renderer::{Planes, ViewRenderer, hex};
 use super::images::is_image_set;
 use crate::args::{CameraArgs, DefaultCamera, parse_length};
-use crate::commands::images;
 use crate::commands::render::geometry::{
     GEOMETRY_ALONE, GeometryResourceArgs, geometry_view, parse_texturing,
 };
@@ -18,32 +18,24 @@ use crate::commands::render::radiance::{is_radiance, save_radiance};
 use crate::image_set::SetArgs;
 use crate::messages::UsageError;
 use crate::output::{DEPTH, FILM, FRAME, Outputs, PICTURE, print_json, save_picture};
-use crate::progress::Bar;
 use crate::setting_flags::SettingFlags;
-use anyhow::bail;
 use clap::Args;
 use headbox_core::camera::Camera;
-use headbox_core::container::Container;
 use headbox_core::frame::Frame;
 use headbox_core::simd;
 use headbox_core::view::{OVERLAY, View};
 use headbox_cube::pack::CubeLdi;
 use headbox_cube::render::footprint::splat::SplatKernel;
-use headbox_cube::view::CubeView;
 use headbox_export::film;
 use headbox_export::film::stereo::View as Projection;
-use headbox_house::file::HOUSE_FILE;
 use headbox_images::depth::DepthPicture;
-use headbox_lumigraph::LUMI_FILE;
 use headbox_photos::view_geometry::{GeometrySettings, Texturing};
 use headbox_scene::camera_path;
-use headbox_sprite::compose::Composition;
-use headbox_sprite::view::{LayersStart, LayersView};
-use headbox_sprite::{SPRITE_FILE, SpriteSet, write_depth_exr};
+use headbox_sprite::write_depth_exr;
 use headbox_views::TruthView;
 use image::RgbImage;
 use serde_json::json;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Figures of a frame in the JSON object and in times.csv, with their names in reports.
 const FIGURES: [(&str, &str); 2] = [
@@ -184,13 +176,16 @@ impl RenderCommand {
                 GeometrySettings::default(),
                 &self.geometry,
             )?),
-            [folder] if is_set(folder) => Box::new(TruthView::new(self.cube(folder)?)),
+            [folder] if is_set(folder) => Box::new(TruthView::new(layers::cube_of_folder(
+                folder,
+                &self.images,
+            )?)),
             [file] if PolygonsArg::parse(file)?.is_none() => match headbox_views::find(file) {
                 Some(representation) => (representation.open)(file)?,
                 // The reader of cubes has the best error message for other files.
                 None => Box::new(TruthView::new(CubeLdi::read(file)?)),
             },
-            _ => Box::new(self.open_layers()?),
+            _ => Box::new(layers::open(&self.files, &self.images)?),
         };
         let values = self.settings.values(&*view)?;
         let is_radiance = self.path.is_none() && is_radiance(&self.output);
@@ -202,73 +197,6 @@ impl RenderCommand {
             bail_usage!("--exposure is for pictures; an .exr holds the light itself");
         }
         Ok(ViewRenderer::new(view, values))
-    }
-
-    /// Captures the cube LDI of a folder of images.
-    fn cube(&self, folder: &Path) -> anyhow::Result<CubeLdi> {
-        let bar = Bar::new();
-        let cube = images::cube_from_folder(folder, &self.images, &bar)?;
-        bar.finish();
-        Ok(cube)
-    }
-
-    /// Opens several files of one world as a composition. Axes, unit and camera are those of the
-    /// first file that is not a model.
-    fn open_layers(&self) -> anyhow::Result<LayersView> {
-        let (mut cubes, mut sprites, mut models) = (Vec::new(), None::<SpriteSet>, Vec::new());
-        let mut start = None;
-        for file in &self.files {
-            if let Some(model) = PolygonsArg::parse(file)? {
-                models.push(model);
-                continue;
-            }
-            let kind = Container::peek_kind(file).ok().flatten();
-            if kind == Some(SPRITE_FILE.tag) {
-                let set = SpriteSet::read(file)?;
-                let Some(first) = LayersView::start_of_sprites(&set) else {
-                    bail!("{}: holds no sprites", file.display())
-                };
-                start.get_or_insert(first);
-                match &mut sprites {
-                    None => sprites = Some(set),
-                    Some(sprites) => sprites.append(set),
-                }
-                continue;
-            }
-            let others = [HOUSE_FILE, LUMI_FILE];
-            if let Some(other) = others.iter().find(|other| kind == Some(other.tag)) {
-                bail_usage!(
-                    "{}: a {} is rendered alone, without other files",
-                    file.display(),
-                    other.name
-                );
-            }
-            let cube = if is_image_set(&file.to_string_lossy()) {
-                self.cube(file)?
-            } else {
-                CubeLdi::read(file)?
-            };
-            start.get_or_insert_with(|| LayersStart {
-                view: CubeView::default_view(&cube),
-                size_px: [1024, 768],
-                file_frame: cube.info.frame,
-            });
-            cubes.push(cube);
-        }
-        let Some(start) = start else {
-            let name = self.files.first().map(|file| file.display().to_string());
-            bail!(
-                "{}: is a scene: capture it first, or name a .ldi or .sprite file for it to stand among",
-                name.unwrap_or_default()
-            )
-        };
-        let polygons = models
-            .iter()
-            .map(|model| model.open(&start.file_frame, cubes.first()))
-            .collect::<Result<Vec<_>, _>>()?;
-        let sprites = sprites.unwrap_or_else(|| SpriteSet::new(Vec::new()));
-        let layers = Composition::new(sprites, cubes).with_polygons(polygons);
-        Ok(LayersView::from_layers(layers, start))
     }
 
     /// Frame rate at which an animation is sampled, frames per second.
