@@ -4,8 +4,9 @@
 //!
 //! Every round is a whole capture, about four times as expensive as the one before: all rounds
 //! together take a third longer than the last alone. The last round is the capture of `headbox
-//! capture` with the same settings, to the byte. Earlier rounds do not search for holes, which
-//! would delay the first image, and take the headbox of the last round.
+//! capture` with the same settings, to the byte. Earlier rounds take the headbox of the last round.
+//! The first does not search for holes, which would delay the first image; the second, which is
+//! shown while the last is captured, closes those that show as specks.
 
 use headbox_core::headbox::Headbox;
 use headbox_core::task::{Shared, Task, low_priority_pool};
@@ -49,7 +50,7 @@ const ROUNDS: [Round; 3] = [
         strata: 16,
         rays: 16,
         light_samples: 2,
-        holes: 1.0,
+        holes: 1e-3,
     },
     Round {
         face_size_px: 1024,
