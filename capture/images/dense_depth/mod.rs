@@ -22,6 +22,7 @@ mod patch_match;
 mod picture;
 mod pipeline;
 mod relative;
+mod search_counts;
 mod storage;
 mod store;
 #[cfg(test)]
@@ -29,6 +30,7 @@ mod tests;
 mod zncc;
 
 pub use agreement::{Agreement, TOLERANCES};
+pub use search_counts::SearchCounts;
 pub(super) use store::attach;
 
 use super::{ImageSet, ImagesError, LoadedView, Pinhole, View};
@@ -46,6 +48,9 @@ pub enum DenseDepthError {
     /// Fewer than two perspective views.
     #[error("{0} perspective views, but depth needs at least two from different positions")]
     TooFew(usize),
+    /// No pixel of any view got a depth that other views confirm.
+    #[error("{0}")]
+    NothingFound(SearchCounts),
     /// The temporary file failed.
     #[error("{}: cannot write a temporary file: {cause}", folder.display())]
     Spool {
@@ -152,7 +157,7 @@ impl DenseDepth {
         folder: &Path,
         advance: &dyn Fn(),
         keep: &mut dyn FnMut(usize, EstimatedDepth) -> Result<(), ImagesError>,
-    ) -> Result<(), DenseDepthError> {
+    ) -> Result<SearchCounts, DenseDepthError> {
         let mut pipeline = Pipeline::new(self, views, lenses(views)?, folder)?;
         for view in 0..views.len() {
             pipeline.estimate_alone(view)?;
@@ -170,7 +175,7 @@ impl DenseDepth {
             keep(view, estimated)?;
             advance();
         }
-        Ok(())
+        Ok(pipeline.search_counts()?)
     }
 }
 
@@ -187,7 +192,8 @@ fn lenses(views: &[&View]) -> Result<Vec<Pinhole>, DenseDepthError> {
 impl ImageSet {
     /// Estimates the depth of the perspective views without measured depth, stores it next to the
     /// set's images, and uses it from then on. `on_view` receives each view with its estimate;
-    /// `advance` is called for each of [`Self::find_depth_steps`].
+    /// `advance` is called for each of [`Self::find_depth_steps`]. After an error, nothing is left in
+    /// the set's folder.
     ///
     /// # Errors
     /// See [`DenseDepthError`].
@@ -197,20 +203,24 @@ impl ImageSet {
         advance: &dyn Fn(),
         on_view: &mut dyn FnMut(&View, &EstimatedDepth),
     ) -> Result<(), DenseDepthError> {
-        let mut store = DepthStore::create(self)?;
         let views: Vec<&View> = self
             .views
             .iter()
             .filter(|view| view.pinhole().is_some())
             .collect();
-        let folder = store.folder.clone();
-        settings.run(&views, &folder, advance, &mut |i, estimated| {
+        lenses(&views)?;
+        let mut store = DepthStore::create(self)?;
+        let folder = store.staging_folder().to_owned();
+        let counts = settings.run(&views, &folder, advance, &mut |i, estimated| {
             if !views[i].has_own_depth() {
                 on_view(views[i], &estimated);
                 store.add(views[i], &estimated)?;
             }
             Ok(())
         })?;
+        if counts.confirmed == 0 {
+            return Err(DenseDepthError::NothingFound(counts));
+        }
         store.finish()?;
         for view in &mut self.views {
             view.depth = view

@@ -6,7 +6,9 @@ use super::neighbors::Candidate;
 use super::patch_match::{KnownDepths, MAX_NEIGHBORS, Matcher, NeighborView, Perturbation};
 use super::picture::{Grey, MatchView};
 use super::relative::{LevelCamera, Relative};
+use super::search_counts::SearchCounts;
 use super::storage::{Spool, ViewCache};
+use super::zncc::Patch;
 use super::{DenseDepth, DenseDepthError, EstimatedDepth};
 use crate::{ImagesError, LoadedView, Pinhole, View, backdrop};
 use headbox_core::simd;
@@ -54,6 +56,8 @@ pub(super) struct Pipeline<'a> {
     current: Spool,
     /// Planes of the pass in progress.
     next: Spool,
+    /// Counts of [`Self::filter`].
+    counts: SearchCounts,
 }
 
 impl<'a> Pipeline<'a> {
@@ -102,6 +106,10 @@ impl<'a> Pipeline<'a> {
             neighbors: vec![Vec::new(); views.len()],
             current: spool()?,
             next: spool()?,
+            counts: SearchCounts {
+                views: views.len(),
+                ..SearchCounts::default()
+            },
         })
     }
 
@@ -200,6 +208,19 @@ impl<'a> Pipeline<'a> {
             .map_err(|cause| self.spool_error(cause))
     }
 
+    /// Counts of the filtered views; pixels without texture are counted only if no depth was found.
+    pub(super) fn search_counts(&mut self) -> Result<SearchCounts, ImagesError> {
+        if self.counts.confirmed == 0 {
+            for view in 0..self.views.len() {
+                if !self.neighbors[view].is_empty() {
+                    let picture = self.view_cache.get(view)?;
+                    self.counts.textureless += count_textureless(picture.level(0));
+                }
+            }
+        }
+        Ok(self.counts)
+    }
+
     /// Keeps the depths of a view that its neighbours confirm, at the size of its image.
     pub(super) fn filter(&mut self, view: usize) -> Result<EstimatedDepth, DenseDepthError> {
         let loaded_views = self.load_with_neighbors(view)?;
@@ -210,13 +231,13 @@ impl<'a> Pipeline<'a> {
             .map_err(|cause| self.spool_error(cause))?;
         let others = loaded_views.matched_neighbors();
         let needed = self.settings.confirmations.min(others.len()).max(1);
+        let is_valid = |plane: &Hypothesis| plane.inverse_depth > 0.0 && plane.cost <= MAX_COST;
         let confirmations: Vec<Option<Confirmation>> = planes
             .par_iter()
             .enumerate()
             .map(|(i, plane)| {
                 let pixel = [(i % own.width) as f32 + 0.5, (i / own.width) as f32 + 0.5];
-                let is_valid = plane.inverse_depth > 0.0 && plane.cost <= MAX_COST;
-                is_valid
+                is_valid(plane)
                     .then(|| confirm(&others, pixel, plane))
                     .filter(|confirmation| confirmation.is_sufficient(needed))
             })
@@ -238,6 +259,16 @@ impl<'a> Pipeline<'a> {
             .map(|(plane, c)| if *c > 0.0 { plane.inverse_depth } else { 0.0 })
             .collect();
         remove_specks(&mut filtered, own.width, SPECK);
+        if others.is_empty() {
+            self.counts.isolated += 1;
+        } else {
+            let count = |is_counted: &dyn Fn(&Hypothesis) -> bool| {
+                planes.iter().filter(|plane| is_counted(plane)).count() as u64
+            };
+            self.counts.pixels += planes.len() as u64;
+            self.counts.matched += count(&is_valid);
+            self.counts.confirmed += filtered.iter().filter(|q| **q > 0.0).count() as u64;
+        }
         for (plane, filtered) in planes.iter_mut().zip(filtered) {
             plane.inverse_depth = filtered;
         }
@@ -309,6 +340,16 @@ pub(super) fn create_matcher<'a>(
         seed: seed ^ level as u64,
         level: simd::level(),
     }
+}
+
+/// Number of pixels whose patch has no more contrast than noise.
+fn count_textureless(picture: &Grey) -> u64 {
+    let count_row = |y: usize| {
+        (0..picture.width)
+            .filter(|&x| !Patch::new(picture, x, y).has_texture())
+            .count() as u64
+    };
+    (0..picture.height).into_par_iter().map(count_row).sum()
 }
 
 /// Runs rounds of PatchMatch.

@@ -17,6 +17,7 @@ use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
 use std::io;
 use std::path::{Component, Path, PathBuf};
+use tempfile::TempDir;
 
 /// Folder name, next to a set's images.
 const FOLDER: &str = "headbox-depth";
@@ -27,20 +28,23 @@ const INDEX: &str = "index.json";
 /// Version of the index.
 const VERSION: u64 = 1;
 
-/// Writer of a set's estimated depth.
+/// Writer of a set's estimated depth: into a temporary folder next to the images, whose files move
+/// to their place at the end, so that a search that fails leaves nothing behind.
 pub(super) struct DepthStore {
-    pub(super) folder: PathBuf,
+    folder: PathBuf,
+    staging: TempDir,
     entries: Map<String, Value>,
     written: BTreeMap<PathBuf, String>,
 }
 
 impl DepthStore {
-    /// Creates the folder next to a set's images.
+    /// Creates the temporary folder next to a set's images.
     pub(super) fn create(set: &ImageSet) -> Result<Self, ImagesError> {
         let folder = set.folder.join(FOLDER);
-        std::fs::create_dir_all(&folder)
-            .and_then(|()| files::check_folder(&folder))
-            .map_err(|cause| ImagesError::io(&folder, cause))?;
+        let staging = tempfile::Builder::new()
+            .prefix(".headbox-depth-")
+            .tempdir_in(&set.folder)
+            .map_err(|cause| ImagesError::io(&set.folder, cause))?;
         // Keeps the entries of other views from earlier runs.
         let entries = match read_index(&folder)?.map(|mut index| index["views"].take()) {
             Some(Value::Object(views)) => views,
@@ -48,9 +52,15 @@ impl DepthStore {
         };
         Ok(Self {
             folder,
+            staging,
             entries,
             written: BTreeMap::new(),
         })
+    }
+
+    /// Folder of the temporary files.
+    pub(super) fn staging_folder(&self) -> &Path {
+        self.staging.path()
     }
 
     /// Writes the depth of a view.
@@ -60,7 +70,7 @@ impl DepthStore {
         estimated: &EstimatedDepth,
     ) -> Result<(), ImagesError> {
         let file = depth_file_name(&view.name);
-        let path = self.folder.join(&file);
+        let path = self.staging.path().join(&file);
         if let Some(other) = self.written.insert(file.clone(), view.name.clone()) {
             let cause = format!(
                 "is also the name of {other}; rename one of them to store the depth of both"
@@ -79,8 +89,15 @@ impl DepthStore {
         Ok(())
     }
 
-    /// Writes the index, which makes the depth part of the set.
+    /// Moves the files to their place and writes the index, which makes them part of the set.
     pub(super) fn finish(self) -> Result<(), ImagesError> {
+        for file in self.written.keys() {
+            let to = self.folder.join(file);
+            let folder = to.parent().unwrap_or(&self.folder);
+            std::fs::create_dir_all(folder)
+                .and_then(|()| std::fs::rename(self.staging.path().join(file), &to))
+                .map_err(|cause| ImagesError::io(&to, cause))?;
+        }
         let index = json!({"version": VERSION, "views": self.entries});
         let path = self.folder.join(INDEX);
         files::write_whole(&path, |writer| {

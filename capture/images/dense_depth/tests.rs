@@ -272,8 +272,26 @@ fn depth_independent_of_threads_and_stored() {
     }
 }
 
+/// Returns the error of a search that finds nothing, and checks that the folder is unchanged.
+fn nothing_found(folder: &Path, set: &mut ImageSet) -> SearchCounts {
+    let names = || {
+        let mut names: Vec<_> = std::fs::read_dir(folder)
+            .expect("a folder")
+            .map(|entry| entry.expect("an entry").file_name())
+            .collect();
+        names.sort();
+        names
+    };
+    let before = names();
+    let Err(DenseDepthError::NothingFound(counts)) = find(set) else {
+        panic!("depth found");
+    };
+    assert_eq!(names(), before);
+    counts
+}
+
 #[test]
-fn textureless_images_give_no_depth() {
+fn textureless_images_give_no_depth_and_leave_nothing() {
     for color in [
         |_: DVec3| [120, 120, 120, 255],
         |_: DVec3| [2, 2, 2, 255],
@@ -281,25 +299,34 @@ fn textureless_images_give_no_depth() {
     ] {
         let folder = tempfile::tempdir().expect("a folder");
         let mut set = write_photographs(folder.path(), color);
-        let agreement = find(&mut set).expect("runs");
-        assert!(agreement.estimated_share() < 0.01, "{agreement:?}");
+        let counts = nothing_found(folder.path(), &mut set);
+        assert_eq!((counts.views, counts.isolated), (5, 0));
+        assert!(counts.pixels > 0 && counts.textureless == counts.pixels);
+        let message = counts.to_string();
+        assert!(
+            message.contains("in 5 photographs") && message.contains("100.0 % have no texture"),
+            "{message}"
+        );
     }
 }
 
 #[test]
-fn no_baseline_gives_no_depth() {
+fn no_baseline_gives_no_depth_and_leaves_nothing() {
     let folder = tempfile::tempdir().expect("a folder");
     let mut set = write_photographs(folder.path(), textured);
     for view in &mut set.views {
         view.pose = pose(0);
     }
-    assert!(find(&mut set).expect("runs").estimated == 0, "no parallax");
+    let counts = nothing_found(folder.path(), &mut set);
+    assert_eq!((counts.views, counts.isolated), (5, 5));
+    assert!(counts.to_string().contains("different position"));
     set.views.truncate(1);
     let error = find(&mut set).expect_err("too few").to_string();
     assert!(
         error.contains("1 perspective views") && error.contains("at least two"),
         "{error}"
     );
+    assert!(!folder.path().join("headbox-depth").exists());
 }
 
 #[test]

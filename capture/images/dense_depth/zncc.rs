@@ -106,6 +106,11 @@ impl Patch {
         }
     }
 
+    /// Returns true if the patch has more contrast than noise.
+    pub(super) fn has_texture(&self) -> bool {
+        self.variance > NOISE
+    }
+
     /// Returns 1 minus the correlation with the warped patch in another image, 0 to [`WORST`].
     #[inline(always)]
     pub(super) fn cost<S: Simd>(&self, simd: S, plane: &WarpedPlane, other: &Grey) -> f32 {

@@ -47,9 +47,12 @@ impl DepthArgs {
         }
         let started = Instant::now();
         let bar = Bar::new();
-        let (mut set, known) = match &self.output {
-            Some(output) => copy_set(folder, output, args, &bar)?,
-            None => (args.open(folder)?, Vec::new()),
+        let (mut set, known, copy) = match &self.output {
+            Some(output) => {
+                let (set, known, copy) = copy_set(folder, output, args, &bar)?;
+                (set, known, Some(copy))
+            }
+            None => (args.open(folder)?, Vec::new(), None),
         };
         let lacking = set
             .views
@@ -84,10 +87,14 @@ impl DepthArgs {
             };
             agreement.add(&found.view.depth, &known);
             views += 1;
-        })?;
+        })
+        .with_context(|| folder.display().to_string())?;
         bar.finish();
         if let Some(error) = failed {
             return Err(error.into());
+        }
+        if let Some(copy) = copy {
+            copy.keep();
         }
         Ok(Some(Outcome {
             views,
@@ -98,20 +105,47 @@ impl DepthArgs {
     }
 }
 
-/// Writes a copy of a set without lens distortion and without depth. Returns the copy and its
-/// original views.
+/// New folder of a copied set, emptied again unless it is kept: a copy without depth is of no use.
+struct CopiedFolder {
+    path: PathBuf,
+    is_new: bool,
+    is_kept: bool,
+}
+
+impl CopiedFolder {
+    fn keep(mut self) {
+        self.is_kept = true;
+    }
+}
+
+impl Drop for CopiedFolder {
+    fn drop(&mut self) {
+        if self.is_kept {
+            return;
+        }
+        // The folder was empty or did not exist; errors are less important than the one that led here.
+        let _ = std::fs::remove_dir_all(&self.path);
+        if !self.is_new {
+            let _ = std::fs::create_dir(&self.path);
+        }
+    }
+}
+
+/// Writes a copy of a set without lens distortion and without depth. Returns the copy, its original
+/// views and its folder.
 fn copy_set(
     folder: &Path,
     output: &Path,
     args: &SetArgs,
     bar: &Bar,
-) -> anyhow::Result<(ImageSet, Vec<View>)> {
+) -> anyhow::Result<(ImageSet, Vec<View>, CopiedFolder)> {
     if std::fs::read_dir(output).is_ok_and(|mut entries| entries.next().is_some()) {
         bail!(
             "{}: is not empty; give a new folder for the set",
             output.display()
         );
     }
+    let is_new = !output.exists();
     files::check_folder(output)
         .with_context(|| format!("{} cannot be written to", output.display()))?;
     let set = args.open_registered(folder)?;
@@ -121,9 +155,15 @@ fn copy_set(
         .filter(|view| view.pinhole().is_some())
         .collect();
     bar.begin("writing pictures", "views", views.len() as u64);
+    let copied = CopiedFolder {
+        path: output.into(),
+        is_new,
+        is_kept: false,
+    };
     write_set(&views, output, &mut |_| bar.advance(1))?;
     bar.finish();
-    Ok((ImageSet::open(output, &ImageSetOptions::default())?, views))
+    let set = ImageSet::open(output, &ImageSetOptions::default())?;
+    Ok((set, views, copied))
 }
 
 impl Outcome {
