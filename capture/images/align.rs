@@ -1,4 +1,5 @@
-//! Camera poses of photographs (E2), estimated by an installed COLMAP.
+//! Camera poses of photographs (E2), estimated by an installed COLMAP: the program `colmap` or, where
+//! it is absent, the Python package `pycolmap`.
 //!
 //! The model is stored next to the photographs as `sparse/0`, where
 //! [`ImageSet::open`](super::ImageSet::open) looks for it, completely or not at all. COLMAP chooses
@@ -9,13 +10,16 @@ use std::collections::VecDeque;
 use std::fs;
 use std::io::{self, BufRead, BufReader};
 use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::process::{Command, Stdio};
 
 /// File extensions of images that both COLMAP and this crate read.
 const EXTENSIONS: [&str; 6] = ["jpg", "jpeg", "png", "tif", "tiff", "bmp"];
 
 /// Maximum number of photographs for exhaustive matching; larger sets match neighbours by name.
 const ALL_PAIRS: usize = 200;
+
+/// Runs a step by pycolmap, with the arguments of the program `colmap`.
+const PYCOLMAP_STEP: &str = include_str!("align_pycolmap.py");
 
 /// Number of output lines kept for the error message.
 const MESSAGE_LINES: usize = 4;
@@ -47,8 +51,8 @@ pub struct Alignment {
 pub enum AlignError {
     /// COLMAP is not installed.
     #[error(
-        "COLMAP, which estimates the camera poses, is not installed (Debian: apt install colmap); install it, or provide \
-                 cameras in transforms.json or a COLMAP model"
+        "COLMAP, which estimates the camera poses, is not installed (Debian: apt install colmap, or for python3: \
+                 pip install pycolmap); install it, or provide cameras in transforms.json or a COLMAP model"
     )]
     NotInstalled,
     /// The folder has a model, which is not replaced.
@@ -112,6 +116,7 @@ pub fn align(folder: &Path, progress: &mut AlignProgress<'_>) -> Result<Alignmen
             count: photographs,
         });
     }
+    let engine = Engine::find().ok_or(AlignError::NotInstalled)?;
     // In the same folder, so that the result can be renamed into place.
     let work = tempfile::Builder::new()
         .prefix(".align-")
@@ -122,6 +127,7 @@ pub fn align(folder: &Path, progress: &mut AlignProgress<'_>) -> Result<Alignmen
     fs::create_dir(&models).map_err(io(&models))?;
 
     let mut colmap = ColmapRunner {
+        engine,
         database: &database,
         photographs,
         progress,
@@ -219,8 +225,54 @@ fn largest_model(models: &Path) -> io::Result<Option<(usize, PathBuf)>> {
     Ok(best)
 }
 
+/// Installation of COLMAP.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Engine {
+    /// The program `colmap`.
+    Program,
+    /// The package `pycolmap` of `python3`.
+    Python,
+}
+
+impl Engine {
+    /// Finds an installation, the program first.
+    fn find() -> Option<Self> {
+        let run = |program: &str, arguments: &[&str]| {
+            Command::new(program)
+                .args(arguments)
+                .env("QT_QPA_PLATFORM", "offscreen")
+                .stdin(Stdio::null())
+                .stdout(Stdio::null())
+                .stderr(Stdio::null())
+                .status()
+        };
+        if !matches!(run("colmap", &["help"]), Err(cause) if cause.kind() == io::ErrorKind::NotFound)
+        {
+            return Some(Self::Program);
+        }
+        run("python3", &["-c", "import pycolmap"])
+            .is_ok_and(|status| status.success())
+            .then_some(Self::Python)
+    }
+
+    /// The command line of a step, without its arguments.
+    fn command(self, step: &str) -> Command {
+        let mut command;
+        match self {
+            Self::Program => command = Command::new("colmap"),
+            Self::Python => {
+                command = Command::new("python3");
+                command.args(["-c", PYCOLMAP_STEP]);
+            }
+        }
+        command.arg(step);
+        command
+    }
+}
+
 /// Runs COLMAP commands on one database.
 struct ColmapRunner<'a, 'b> {
+    engine: Engine,
     database: &'a Path,
     photographs: usize,
     progress: &'a mut AlignProgress<'b>,
@@ -235,6 +287,8 @@ impl ColmapRunner<'_, '_> {
         gpu_section: Option<&str>,
         arguments: &[std::ffi::OsString],
     ) -> Result<(), AlignError> {
+        // pycolmap is told by the script.
+        let gpu_section = gpu_section.filter(|_| self.engine == Engine::Program);
         let option =
             |prefix: &str| gpu_section.map(|section| format!("--{prefix}{section}.use_gpu"));
         match self.run_once(command, step, option("Sift"), arguments) {
@@ -263,9 +317,8 @@ impl ColmapRunner<'_, '_> {
             },
         };
         let (lines, writer) = io::pipe().map_err(program_error)?;
-        let mut program = Command::new("colmap");
+        let mut program = self.engine.command(command);
         program
-            .arg(command)
             .arg("--database_path")
             .arg(self.database)
             .args(arguments);
@@ -273,7 +326,7 @@ impl ColmapRunner<'_, '_> {
         // Without this COLMAP needs a display.
         program
             .env("QT_QPA_PLATFORM", "offscreen")
-            .stdin(std::process::Stdio::null());
+            .stdin(Stdio::null());
         program
             .stdout(writer.try_clone().map_err(program_error)?)
             .stderr(writer);

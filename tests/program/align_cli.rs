@@ -174,3 +174,48 @@ fn photographs_of_several_sizes_get_separate_cameras() {
         );
     }
 }
+
+/// Installs a stand-in for `python3` with pycolmap, which checks the script and the steps.
+fn with_pycolmap(folder: &Path) {
+    let script = format!(
+        "#!/bin/sh\n\
+         [ \"$1\" = -c ] || exit 9\n\
+         [ \"$2\" = 'import pycolmap' ] && exit 0\n\
+         case $2 in *pycolmap.incremental_mapping*) ;; *) exit 9;; esac\n\
+         shift 2\n\
+         echo \"$*\" >> {asked}\n\
+         case $1 in mapper) while [ $# -gt 0 ]; do [ \"$1\" = --output_path ] && out=$2; shift; done; cp -r {found} \"$out/0\";; esac\n",
+        asked = folder.join("asked").display(),
+        found = folder.join("found/0").display(),
+    );
+    fs::create_dir(folder.join("bin")).unwrap();
+    let program = folder.join("bin/python3");
+    fs::write(&program, script).unwrap();
+    fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).unwrap();
+}
+
+#[test]
+fn pycolmap_is_used_without_the_program() {
+    let dir = tempfile::tempdir().unwrap();
+    photographs(dir.path());
+    with_pycolmap(dir.path());
+    for tool in ["sh", "cp"] {
+        let found = ["/bin", "/usr/bin"].map(|folder| Path::new(folder).join(tool));
+        let found = found.iter().find(|path| path.is_file()).unwrap();
+        std::os::unix::fs::symlink(found, dir.path().join("bin").join(tool)).unwrap();
+    }
+    // Nothing else is on the path, so that an installed COLMAP is not found.
+    let (output, words) = align(dir.path(), &dir.path().join("bin").display().to_string());
+    assert!(output.status.success(), "{words}");
+    assert!(words.contains("3 of 3 photographs"), "{words}");
+    let asked = requested_options(dir.path());
+    let steps: Vec<&str> = asked
+        .lines()
+        .filter_map(|line| line.split_whitespace().next())
+        .collect();
+    assert_eq!(steps, ["feature_extractor", "exhaustive_matcher", "mapper"]);
+    assert!(
+        asked.contains("--ImageReader.single_camera 1") && !asked.contains("use_gpu"),
+        "{asked}"
+    );
+}
