@@ -13,6 +13,7 @@
 //! | COLMAP, text and binary | `colmap` | cameras, poses; dense depth maps if present |
 //! | RGB-D frames (TSDF demo, 7-Scenes) | `rgbd` | colour, 16-bit depth, pose and intrinsics text |
 //! | Middlebury `*_par.txt` | `middlebury` | calibrated photographs |
+//! | `NAME.P`, or `P` in a MATLAB file | `projections` | photographs with projection matrices |
 //! | panoramas | `panorama` | equirectangular, or six cube faces, with depth files next to them |
 //!
 //! Modules in the order of work: `readers` open a folder; `view`, `pose`, `lens`, `depth`,
@@ -77,7 +78,7 @@ pub enum ImagesError {
     /// The folder holds none of the supported formats.
     #[error(
         "{}: not an image set; expected manifest.json (Seurat), transforms.json (nerfstudio), cameras.bin or cameras.txt \
-                 (COLMAP), frame-*.pose.txt (RGB-D frames), *_par.txt (Middlebury), or panoramas with depth next to them \
+                 (COLMAP), frame-*.pose.txt (RGB-D frames), *_par.txt (Middlebury), *.P or *.mat (projection matrices), or panoramas with depth next to them \
                  (NAME.png and NAME_depth.exr); to read a deep EXR, name the file itself",
         path.display()
     )]
@@ -256,6 +257,7 @@ impl ImageSet {
             readers::rgbd::open,
             readers::middlebury::open,
             readers::panorama::open,
+            readers::projections::open,
         ] {
             if let Some(set) = reader(folder)? {
                 return Ok(set);
