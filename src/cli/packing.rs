@@ -54,6 +54,16 @@ fn parse_split(text: &str) -> Result<Split, String> {
     }
 }
 
+impl Default for PackingArgs {
+    fn default() -> Self {
+        Self {
+            layout: SplatIndexLayout::Normal,
+            split: Split::Auto,
+            error_px: planes::DEFAULT_ERROR_PX,
+        }
+    }
+}
+
 impl PackingArgs {
     pub(super) fn pack(&self, ldi: CubeSamples) -> anyhow::Result<CubeLdi> {
         let split = match self.split {

@@ -58,6 +58,8 @@ struct Stage {
     planned: Option<(usize, u32)>,
     /// Names and times of the stages that have ended, seconds.
     ended: Vec<(String, f64)>,
+    /// Largest share reported so far: a bar never goes backwards.
+    reported: f64,
 }
 
 impl Bar {
@@ -83,6 +85,7 @@ impl Bar {
             part: String::new(),
             planned: None,
             ended: Vec::new(),
+            reported: 0.0,
         };
         Self {
             bar,
@@ -164,8 +167,8 @@ impl Bar {
     }
 
     /// Share done and remaining time, seconds, as reported: corrected if a stage takes longer than
-    /// planned, and below 100 % until the end.
-    fn reported(&self, stage: &Stage) -> (f64, Option<f64>) {
+    /// planned, below 100 % until the end, and never less than before.
+    fn report(&self, stage: &mut Stage) -> (f64, Option<f64>) {
         /// Maximum share before the end.
         const MAX_SHARE: f64 = 0.99;
         let share = self.share_done(stage).min(MAX_SHARE);
@@ -176,6 +179,8 @@ impl Bar {
         } else {
             share.min(so_far / (so_far + stage_left))
         };
+        let share = share.max(stage.reported);
+        stage.reported = share;
         let left = self.left(stage, share);
         (share, left.map(|left| left.max(stage_left)))
     }
@@ -212,7 +217,7 @@ impl Bar {
 
     /// Updates the bar, or prints a line if it is time for one.
     fn show(&self, stage: &mut Stage) {
-        let (share, left) = self.reported(stage);
+        let (share, left) = self.report(stage);
         let left = left.map_or(String::new(), |left| format!(", {} left", duration(left)));
         let so_far = duration(self.started.elapsed().as_secs_f64());
         if !self.in_lines {
@@ -253,6 +258,9 @@ impl Progress for Bar {
         current.end();
         (current.name, current.total, current.began) = (stage.to_owned(), total, Instant::now());
         self.done.store(0, Ordering::Relaxed);
+        if self.plan.is_empty() {
+            current.reported = 0.0; // each stage has a bar of its own
+        }
         if let Some(i) = self
             .plan
             .iter()
@@ -314,15 +322,38 @@ mod tests {
             bar.begin("truth", "rows", 10);
             std::thread::sleep(Duration::from_millis(20));
             bar.advance(1);
-            let (share, left) = bar.reported(&bar.stage());
+            let (share, left) = bar.report(&mut bar.stage());
             // One tenth of the stage took at least 20 ms, nine are left.
             assert!(
                 share < 1.0 && left.is_some_and(|left| left >= 0.18),
                 "{share} {left:?}"
             );
             bar.advance(9);
-            assert!(bar.reported(&bar.stage()).0 < 1.0);
+            assert!(bar.report(&mut bar.stage()).0 < 1.0);
         }
+    }
+
+    #[test]
+    fn planned_bar_never_goes_backwards() {
+        let plan = |stages, times| PlannedStage {
+            stages,
+            times,
+            weight: 1.0,
+        };
+        let bar = Bar::planned(vec![plan(&["rays"], 1), plan(&["truth"], 2)], true);
+        let mut shares = Vec::new();
+        // A stage of no plan, a planned one too often, one of an earlier entry again, and a slow
+        // end of each, which lowers the share that the times so far suggest.
+        for stage in ["rays", "holes", "truth", "truth", "truth", "rays", "pack"] {
+            bar.begin(stage, "steps", 4);
+            for steps in [0, 2, 1, 1] {
+                bar.advance(steps);
+                shares.push(bar.report(&mut bar.stage()).0);
+                std::thread::sleep(Duration::from_millis(2 * steps));
+            }
+        }
+        assert!(shares.is_sorted(), "{shares:?}");
+        assert!(shares.last().is_some_and(|last| *last < 1.0), "{shares:?}");
     }
 
     #[test]

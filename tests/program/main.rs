@@ -3,6 +3,7 @@
 mod align_cli;
 mod bad_inputs;
 mod cli;
+mod demo_cli;
 mod export_cli;
 mod house;
 mod images_cli;

@@ -49,7 +49,7 @@ const FILE_POWER: f64 = 1.87;
 const MEMORY_BYTES: f64 = 290.0;
 
 /// Estimated time and space of a capture.
-pub(super) struct Estimate {
+pub(crate) struct Estimate {
     /// Time of loading and of the rehearsal.
     before_s: f64,
     rays: f64,
@@ -70,7 +70,7 @@ impl Estimate {
     ///
     /// # Errors
     /// The errors of the capture.
-    pub(super) fn new(
+    pub(crate) fn new(
         spec: &CaptureSpec,
         tracer: &Tracer,
         lighting: &Lighting,
@@ -140,12 +140,12 @@ impl Estimate {
     }
 
     /// Total time from the start of the command, seconds.
-    pub(super) fn seconds(&self) -> f64 {
+    pub(crate) fn seconds(&self) -> f64 {
         self.before_s + self.trace_s + self.holes_s + self.light_s
     }
 
     /// The stages to come.
-    pub(super) fn plan(&self) -> Vec<PlannedStage> {
+    pub(crate) fn plan(&self) -> Vec<PlannedStage> {
         let planned = |stages, times, weight| PlannedStage {
             stages,
             times,

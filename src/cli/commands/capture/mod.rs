@@ -2,12 +2,12 @@
 //!
 //! * `quality`: arguments of quality; [`face_size`]: `--face-size`.
 //! * [`place`]: the headbox in the axes and unit of the scene's file.
-//! * `estimate`: time and space of a capture, before it starts.
+//! * [`estimate`]: time and space of a capture, before it starts.
 //! * `report`: its result.
 //! * `images`, [`deep`]: captures from image sets and deep images.
 
 pub(crate) mod deep;
-mod estimate;
+pub(crate) mod estimate;
 mod face_size;
 mod images;
 pub(crate) mod place;

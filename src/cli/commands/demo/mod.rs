@@ -1,42 +1,42 @@
-//! `headbox demo`: capture, rendering and comparison with truth, end to end.
+//! `headbox demo`: a heavy scene is captured once and shown from eyes ever farther off the centre,
+//! next to ray-traced truth and to a cube map.
+//!
+//! * [`measure`]: frames, truth and cube map at each eye position.
+//! * [`summary`]: the table, the closing sentence and the picture.
 
-mod sprites;
+mod measure;
+mod summary;
 
+use crate::commands::capture::estimate::Estimate;
 use crate::commands::capture::place::place_headbox;
-use crate::commands::demo::sprites::print_sprite_rows;
-use crate::output::{Outputs, peak_rss_mb, save_picture, write_text};
-use crate::packing::describe_cube;
-use crate::progress::{Bar, PlannedStage};
+use crate::messages::shell_quote;
+use crate::output::{Outputs, save_picture, write_text};
+use crate::packing::{PackingArgs, describe_cube};
+use crate::progress::{Bar, PlannedStage, duration};
 use clap::Args;
 use glam::DVec3;
-use headbox_core::camera::{Camera, CameraError};
-use headbox_core::drawing::contact_sheet::{SheetRow, contact_sheet};
-use headbox_core::frame::Coverage;
+use headbox_core::camera::Camera;
 use headbox_core::headbox::Headbox;
-use headbox_core::metrics::{self, Comparison};
 use headbox_core::progress::Silent;
 use headbox_cube::model::parameters::CaptureParameters;
-use headbox_cube::pack::{CubeLdi, SplatIndexLayout, Split};
-use headbox_cube::planes;
-use headbox_cube::render::{RenderSettings, Renderer};
-use headbox_lab::cube_map::CubeMap;
 use headbox_ldi::capture::SceneCapture;
 use headbox_ldi::scene_source::SceneSource;
 use headbox_ldi::spec::{CaptureSpec, RunOptions};
 use headbox_trace::bvh::Tracer;
 use headbox_trace::light::Lighting;
-use headbox_trace::truth::{self, Truth};
-use image::RgbImage;
+use headbox_trace::truth;
+use measure::Row;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
+use summary::Summary;
 
 #[derive(Args)]
 pub(crate) struct DemoCommand {
-    /// Folder for the capture, the frames and the contact sheet
+    /// Folder for the capture, the frames and the table
     #[arg(long, default_value = "headbox-demo")]
     out: PathBuf,
-    /// Use small sizes: less than a minute
+    /// Use small sizes: a few seconds, coarse pictures
     #[arg(long)]
     quick: bool,
     /// Do not open a window at the end
@@ -48,90 +48,207 @@ pub(crate) struct DemoCommand {
 }
 
 /// Sizes of a demo.
+#[derive(Clone, Copy)]
 struct Sizes {
     face_size_px: u32,
     strata: u32,
     rays: u32,
     light_samples: u32,
-    frame: (u32, u32),
+    /// Share of hole pixels at which the search for holes ends.
+    holes: f64,
+    frame: [u32; 2],
+    /// Rays per pixel of the first picture.
+    first_samples: u32,
+    /// Rays per pixel of a truth, and per texel of the cube map.
     truth_samples: u32,
+    map_samples: u32,
 }
 
+/// Chosen for 50 s on two cores of 2024, without visible flaws in the frames.
 const FULL: Sizes = Sizes {
-    face_size_px: 1024,
+    face_size_px: 768,
     strata: 32,
-    rays: 16,
+    rays: 12,
     light_samples: 4,
-    frame: (640, 480),
-    truth_samples: 64,
+    holes: 0.0005,
+    frame: [400, 300],
+    first_samples: 4,
+    truth_samples: 24,
+    map_samples: 8,
 };
 const QUICK: Sizes = Sizes {
-    face_size_px: 384,
+    face_size_px: 256,
     strata: 16,
-    rays: 16,
-    light_samples: 4,
-    frame: (320, 240),
-    truth_samples: 36,
+    rays: 8,
+    light_samples: 2,
+    holes: 1.0,
+    frame: [240, 180],
+    first_samples: 2,
+    truth_samples: 8,
+    map_samples: 4,
 };
 
-/// Eye positions in the headbox, in half-sizes: the centre, and five off it.
-const EYES: [(&str, [f64; 3]); 6] = [
-    ("centre", [0.0, 0.0, 0.0]),
-    ("right", [0.6, 0.0, 0.0]),
-    ("left, up", [-0.5, 0.5, 0.2]),
-    ("forward", [0.1, 0.0, -0.8]),
-    ("back, down", [-0.3, -0.6, 0.7]),
-    ("corner", [0.95, 0.95, 0.95]),
-];
+/// Share of the way from the centre to the farthest eye, for each row of the table.
+const STEPS: [f64; 4] = [0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0];
+/// Farthest eye, in half-sizes to the right and forward: a head that leans to the front left edge.
+const FARTHEST: [f64; 2] = [-0.95, 0.95];
 
-/// Frame and comparison with truth at one eye position.
-struct Row {
-    label: &'static str,
-    frame: RgbImage,
-    truth: Truth,
-    map: RgbImage,
-    ms: f64,
-    hole_fraction: f64,
-    comparison: Comparison,
+impl Sizes {
+    fn spec(&self, scene: SceneSource, headbox: &Headbox) -> CaptureSpec {
+        CaptureSpec {
+            face_size_px: self.face_size_px,
+            parameters: CaptureParameters {
+                strata: self.strata,
+                rays_per_stratum: self.rays,
+                light_samples: self.light_samples,
+                holes: self.holes,
+                ..CaptureParameters::DEFAULT
+            },
+            ..CaptureSpec::new(scene, headbox.centre, headbox.half_size_m)
+        }
+    }
+
+    /// Rays of all truths and of the face of the cube map that the cameras see.
+    fn truth_rays(&self) -> f64 {
+        let [width, height] = self.frame.map(f64::from);
+        let truth = width * height * f64::from(self.truth_samples);
+        let map = f64::from(self.face_size_px).powi(2) * f64::from(self.map_samples);
+        truth * STEPS.len() as f64 + map
+    }
+
+    fn first_rays(&self) -> f64 {
+        let [width, height] = self.frame.map(f64::from);
+        width * height * f64::from(self.first_samples)
+    }
+}
+
+/// A scene with its light, and the view that the demo shows of it.
+struct Stage {
+    tracer: Tracer,
+    lighting: Lighting,
+    headbox: Headbox,
+    /// Viewing direction of all cameras.
+    ahead: DVec3,
+}
+
+impl Stage {
+    /// Camera at a share of the way to the farthest eye.
+    fn camera(&self, step: f64, sizes: &Sizes) -> anyhow::Result<Camera> {
+        let [right, forward] = FARTHEST;
+        let offset = self.ahead.cross(DVec3::Y) * right + self.ahead * forward;
+        let eye = self.headbox.centre + offset * step * self.headbox.half_size_m;
+        let target = eye + self.ahead + DVec3::Y * 0.15;
+        Ok(Camera::look_at(eye, target, DVec3::Y, 60.0, sizes.frame)?)
+    }
 }
 
 impl DemoCommand {
     pub(crate) fn run(&self) -> anyhow::Result<()> {
+        let start = Instant::now();
         let sizes = if self.quick { QUICK } else { FULL };
         let outputs = Outputs::new(false, [&self.scene]).folder(&self.out)?;
         let source = SceneSource::new(&self.scene);
         let scene = Arc::new(source.open()?);
         outputs.add_scene(&scene)?;
-        let Headbox {
-            centre,
-            half_size_m,
-        } = place_headbox(&scene, None, None)?;
+        let headbox = place_headbox(&scene, None, None)?;
+        let triangles = scene.triangles.len();
         println!(
-            "{}: {} triangles, headbox {:.3} m a side",
+            "{}: {} triangles; the headbox, in which the eye may move, is a cube of {:.1} m",
             self.scene,
-            scene.triangles.len(),
-            2.0 * half_size_m
+            summary::grouped(triangles as u64),
+            2.0 * headbox.half_size_m
         );
-        let tracer = Tracer::new(scene, centre);
-        let spec = spec(&sizes, source, centre, half_size_m);
-        let lighting = Lighting::prepare(
-            &tracer,
-            centre,
-            spec.parameters.bounces,
-            spec.parameters.light_samples > 0,
+        let spec = sizes.spec(source, &headbox);
+        let tracer = Tracer::new(scene, headbox.centre);
+        let lighting = Lighting::prepare(&tracer, headbox.centre, spec.parameters.bounces, true);
+        let ahead = headbox_trace::viewpoint::suggest_view(&tracer, headbox.centre);
+        let stage = Stage {
+            tracer,
+            lighting,
+            headbox,
+            ahead,
+        };
+        let first_s = self.trace_first_picture(&stage, &sizes)?;
+        let packing = PackingArgs::default();
+        let (tracer, lighting) = (&stage.tracer, &stage.lighting);
+        let estimate = Estimate::new(&spec, tracer, lighting, &packing, 1, start)?;
+        let truth_s = first_s * sizes.truth_rays() / sizes.first_rays();
+        println!(
+            "about {} in all: capture, then {} frames, truth and cube map",
+            duration(estimate.seconds() + truth_s),
+            STEPS.len()
         );
-        let cube = self.capture(&spec, &tracer, &lighting)?;
-        let rows = render_rows(&cube, &tracer, &lighting, &sizes)?;
-        self.save(&rows)?;
-        print_table(&rows);
-        print_cube_map_row(&tracer, &lighting, &cube, &sizes, &rows)?;
-        let cameras: Vec<Camera> = EYES
-            .iter()
-            .map(|(_, offset)| camera(&cube, *offset, &sizes))
-            .collect::<Result<_, _>>()?;
-        let truths: Vec<RgbImage> = rows.iter().map(|row| row.truth.rgb()).collect();
-        print_sprite_rows(&self.out, &tracer, &lighting, &cameras, &truths)?;
-        self.print_next_steps();
+        let mut plan = estimate.plan();
+        plan.push(PlannedStage {
+            stages: &["truth"],
+            times: 1 + STEPS.len() as u32,
+            weight: truth_s,
+        });
+        let bar = Bar::planned(plan, true);
+        let options = RunOptions {
+            progress: &bar,
+            ..RunOptions::default()
+        };
+        let (ldi, _) = SceneCapture::new(&spec, tracer, lighting, &options).run()?;
+        let cube = packing.pack(ldi)?;
+        let path = self.out.join("demo.ldi");
+        cube.write(&path)?;
+        let captured_s = start.elapsed().as_secs_f64();
+        let rows = measure::rows(&cube, &stage, &sizes, &bar)?;
+        bar.finish();
+        println!(
+            "{}: {}, {:.1} MB, after {}\n",
+            path.display(),
+            describe_cube(&cube),
+            std::fs::metadata(&path)?.len() as f64 / 1e6,
+            duration(captured_s)
+        );
+        self.finish(&rows, &Summary::new(triangles, &sizes), start)
+    }
+
+    /// Traces the view from the centre with few rays, before anything else: the scene is seen at
+    /// once, and the time of a ray becomes known. Returns the time, seconds.
+    fn trace_first_picture(&self, stage: &Stage, sizes: &Sizes) -> anyhow::Result<f64> {
+        let camera = stage.camera(0.0, sizes)?;
+        let (tracer, lighting, samples) = (&stage.tracer, &stage.lighting, sizes.first_samples);
+        let start = Instant::now();
+        let truth = truth::render(tracer, lighting, true, &camera, samples, &Silent);
+        let seconds = start.elapsed().as_secs_f64();
+        let path = self.out.join("first.png");
+        save_picture(&path, &truth.rgb())?;
+        println!("first picture, {samples} rays a pixel: {}", path.display());
+        Ok(seconds)
+    }
+
+    /// Writes pictures and table, prints the table and the closing sentence, opens the window.
+    fn finish(&self, rows: &[Row], summary: &Summary, start: Instant) -> anyhow::Result<()> {
+        for (i, row) in rows.iter().enumerate() {
+            let truth = row.truth.rgb();
+            for (name, image) in [
+                ("frame", &row.frame),
+                ("truth", &truth),
+                ("cube-map", &row.map),
+            ] {
+                save_picture(&self.out.join(format!("{name}_{i}.png")), image)?;
+            }
+        }
+        write_text(&self.out.join("table.csv"), &summary::csv(rows))?;
+        print!("{}", summary.table(rows));
+        if let Some(last) = rows.last() {
+            let path = self.out.join("demo.png");
+            save_picture(&path, &summary::picture(last))?;
+            println!("\n{}", summary.sentence(last));
+            println!(
+                "{}: headbox, ray-traced truth and cube map, {:.1} m off the centre",
+                path.display(),
+                last.distance_m
+            );
+        }
+        let ldi = shell_quote(&self.out.join("demo.ldi"));
+        println!(
+            "\n{} in all. Look around: headbox view {ldi}; your own scene: headbox view SCENE.glb",
+            duration(start.elapsed().as_secs_f64())
+        );
         self.open_window();
         Ok(())
     }
@@ -152,252 +269,4 @@ impl DemoCommand {
             eprintln!("no window: this program was built without the viewer feature");
         }
     }
-
-    fn capture(
-        &self,
-        spec: &CaptureSpec,
-        tracer: &Tracer,
-        lighting: &Lighting,
-    ) -> anyhow::Result<CubeLdi> {
-        let start = Instant::now();
-        let bar = Bar::new();
-        let options = RunOptions {
-            progress: &bar,
-            ..RunOptions::default()
-        };
-        let (ldi, trace_time) = SceneCapture::new(spec, tracer, lighting, &options).run()?;
-        bar.finish();
-        let cube = planes::pack(
-            ldi,
-            SplatIndexLayout::Normal,
-            Split::Auto,
-            planes::DEFAULT_ERROR_PX,
-        )?;
-        let path = self.out.join("demo.ldi");
-        cube.write(&path)?;
-        let (rays, kept) = (cube.info.rays_traced, describe_cube(&cube));
-        println!(
-            "captured {kept} from {rays} rays: {:.1} s, of which tracing {:.1} s ({:.1} Mrays/s){}",
-            start.elapsed().as_secs_f64(),
-            trace_time.as_secs_f64(),
-            rays as f64 / trace_time.as_secs_f64() / 1e6,
-            peak_rss_mb().map_or(String::new(), |mb| format!("; peak memory {mb:.0} MiB")),
-        );
-        println!(
-            "wrote {} ({:.1} MB)\n",
-            path.display(),
-            std::fs::metadata(&path)?.len() as f64 / 1e6
-        );
-        Ok(cube)
-    }
-
-    fn save(&self, rows: &[Row]) -> anyhow::Result<()> {
-        let mut sheet = Vec::new();
-        for (i, row) in rows.iter().enumerate() {
-            let Row {
-                label,
-                frame,
-                truth,
-                map,
-                ms,
-                comparison,
-                ..
-            } = row;
-            let [flip, psnr, truth_psnr] = [
-                comparison.flip,
-                comparison.psnr_db,
-                truth.standard_error_psnr_db,
-            ];
-            let mut pictures = Vec::new();
-            for (name, image, caption) in [
-                ("frame", frame, format!("headbox: {ms:.2} ms")),
-                (
-                    "truth",
-                    &truth.rgb(),
-                    format!("ray-traced truth: standard error {truth_psnr:.1} dB"),
-                ),
-                (
-                    "error",
-                    map,
-                    format!("FLIP error: mean {flip:.3}, PSNR {psnr:.1} dB"),
-                ),
-            ] {
-                let file = format!("{name}_{i}.png");
-                save_picture(&self.out.join(&file), image)?;
-                pictures.push((file, caption));
-            }
-            sheet.push(SheetRow {
-                label: (*label).into(),
-                pictures,
-            });
-        }
-        let title = format!("headbox demo: {}", self.scene);
-        write_text(&self.out.join("sheet.html"), &contact_sheet(&title, &sheet))?;
-        write_text(&self.out.join("table.csv"), &csv(rows))
-    }
-
-    fn print_next_steps(&self) {
-        let out = self.out.display();
-        println!("\nframes, truth and a contact sheet are in {out}: open {out}/sheet.html first");
-        println!(
-            "next, look from elsewhere:  headbox render {out}/demo.ldi -o frame.png --eye 1.2,1.8,9 --look-at 0,4,0"
-        );
-        println!("or capture your own scene:  headbox capture scene.obj -o scene.ldi");
-    }
-}
-
-fn spec(sizes: &Sizes, scene: SceneSource, centre: DVec3, half_size_m: f64) -> CaptureSpec {
-    CaptureSpec {
-        face_size_px: sizes.face_size_px,
-        parameters: CaptureParameters {
-            strata: sizes.strata,
-            rays_per_stratum: sizes.rays,
-            light_samples: sizes.light_samples,
-            ..CaptureParameters::DEFAULT
-        },
-        ..CaptureSpec::new(scene, centre, half_size_m)
-    }
-}
-
-/// Camera at an eye position, toward the side face with the most depth pixels.
-fn camera(cube: &CubeLdi, offset: [f64; 3], sizes: &Sizes) -> Result<Camera, CameraError> {
-    let count = |normal: DVec3| -> usize {
-        let face = cube.segments.iter().filter(|s| s.face.normal() == normal);
-        face.map(|s| s.depth_pixels.len()).sum()
-    };
-    let sides = [DVec3::NEG_Z, DVec3::X, DVec3::Z, DVec3::NEG_X];
-    let ahead = sides
-        .into_iter()
-        .max_by_key(|&side| count(side))
-        .unwrap_or(DVec3::NEG_Z);
-    // Offsets are given for a view along -Z: turn them with the view.
-    let right = ahead.cross(DVec3::Y);
-    let [x, y, z] = offset;
-    let eye = cube.info.centre + (right * x + DVec3::Y * y - ahead * z) * cube.info.half_size_m;
-    let (width, height) = sizes.frame;
-    Camera::look_at(
-        eye,
-        eye + ahead + DVec3::Y * 0.15,
-        DVec3::Y,
-        60.0,
-        [width, height],
-    )
-}
-
-fn render_rows(
-    cube: &CubeLdi,
-    tracer: &Tracer,
-    lighting: &Lighting,
-    sizes: &Sizes,
-) -> anyhow::Result<Vec<Row>> {
-    const REPEATS: usize = 9;
-    let mut renderer = Renderer::new();
-    let settings = RenderSettings::default();
-    let stage = PlannedStage {
-        stages: &["truth"],
-        times: EYES.len() as u32,
-        weight: 1.0,
-    };
-    let bar = Bar::planned(vec![stage], false);
-    let mut rows = Vec::with_capacity(EYES.len());
-    for (label, offset) in EYES {
-        let camera = camera(cube, offset, sizes)?;
-        let mut ms = Vec::with_capacity(REPEATS);
-        for _ in 0..REPEATS {
-            let start = Instant::now();
-            renderer.render(cube, &camera, &settings);
-            ms.push(start.elapsed().as_secs_f64() * 1e3);
-        }
-        ms.sort_by(f64::total_cmp);
-        let (frame, _) = renderer.render_with_stats(cube, &camera, &settings);
-        let truth = truth::render(tracer, lighting, true, &camera, sizes.truth_samples, &bar);
-        // A hole has no splat and no environment, or environment where truth is only geometry.
-        let hole = |(pixel, truth): (&Coverage, &Coverage)| {
-            pixel.splat_share() == 0 && (*truth == Coverage::FULL || pixel.is_hole())
-        };
-        let holes = frame
-            .coverage
-            .iter()
-            .zip(&truth.frame.coverage)
-            .filter(|&pair| hole(pair))
-            .count();
-        let hole_fraction = holes as f64 / frame.color.len() as f64;
-        let frame = frame.to_rgb()?;
-        let (comparison, map) = metrics::compare_with_map(&truth.rgb(), &frame)?;
-        rows.push(Row {
-            label,
-            frame,
-            truth,
-            map: map.to_magma(),
-            ms: ms[REPEATS / 2],
-            hole_fraction,
-            comparison,
-        });
-    }
-    bar.finish();
-    Ok(rows)
-}
-
-fn print_table(rows: &[Row]) {
-    println!("eye           ms/frame    FLIP  PSNR dB    SSIM   holes %  (truth's own error, dB)");
-    for row in rows {
-        let c = &row.comparison;
-        println!(
-            "{:<12} {:>9.2} {:>7.4} {:>8.2} {:>7.4} {:>9.3}  ({:.1})",
-            row.label,
-            row.ms,
-            c.flip,
-            c.psnr_db,
-            c.ssim,
-            row.hole_fraction * 100.0,
-            row.truth.standard_error_psnr_db
-        );
-    }
-    let off_centre = rows[1..]
-        .iter()
-        .map(|row| row.comparison.psnr_db)
-        .sum::<f64>()
-        / (rows.len() - 1) as f64;
-    println!("mean PSNR off centre: {off_centre:.2} dB");
-}
-
-/// Prints the errors of a ray-traced cube map of the same face size, seen from the centre: the best
-/// that any method without depth can do.
-fn print_cube_map_row(
-    tracer: &Tracer,
-    lighting: &Lighting,
-    cube: &CubeLdi,
-    sizes: &Sizes,
-    rows: &[Row],
-) -> anyhow::Result<()> {
-    let camera = camera(cube, EYES[0].1, sizes)?;
-    let (centre, face_px) = (cube.info.centre, cube.face_size_px);
-    let map = CubeMap::trace_for(
-        tracer,
-        lighting,
-        centre,
-        &[camera],
-        face_px,
-        sizes.light_samples,
-        &Silent,
-    );
-    let c = metrics::compare(&rows[0].truth.rgb(), &map.resample(&camera))?;
-    println!(
-        "cube map of equal face size, bilinear, from the centre: FLIP {:.4}, PSNR {:.2} dB",
-        c.flip, c.psnr_db
-    );
-    Ok(())
-}
-
-fn csv(rows: &[Row]) -> String {
-    let mut text = String::from("eye,ms,flip,psnr_db,ssim,hole_fraction,truth_error_psnr_db\n");
-    for row in rows {
-        let (c, label) = (&row.comparison, row.label.replace(',', ""));
-        let (ms, holes, error) = (row.ms, row.hole_fraction, row.truth.standard_error_psnr_db);
-        text += &format!(
-            "{label},{ms:.3},{},{},{},{holes},{error}\n",
-            c.flip, c.psnr_db, c.ssim
-        );
-    }
-    text
 }
