@@ -71,7 +71,7 @@ const FULL: Sizes = Sizes {
     rays: 12,
     light_samples: 4,
     holes: 0.0005,
-    frame: [400, 300],
+    frame: [384, 288],
     first_samples: 4,
     truth_samples: 24,
     map_samples: 8,
