@@ -105,6 +105,28 @@ impl FileFrame {
     }
 }
 
+/// Rounds a length to four significant digits.
+fn rounded(length: f64) -> f64 {
+    let digits = (3.0 - length.abs().max(f64::MIN_POSITIVE).log10().floor()).clamp(0.0, 12.0);
+    let scale = 10_f64.powf(digits);
+    // Adding zero drops the sign of -0.
+    (length * scale).round() / scale + 0.0
+}
+
+/// Formats a length with four significant digits, and an exponent where there would be many zeros.
+pub fn figure(length: f64) -> String {
+    match length.abs() {
+        1e7.. => format!("{length:.3e}").replace(".000e", "e"),
+        size if size > 0.0 && size < 1e-5 => format!("{length:.3e}").replace(".000e", "e"),
+        _ => rounded(length).to_string(),
+    }
+}
+
+/// Formats a position as the command line takes it.
+pub fn triple(position: DVec3) -> String {
+    position.to_array().map(figure).join(",")
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -3,13 +3,16 @@
 //! | module | content |
 //! |---|---|
 //! | `place` | the headbox: at eye height on a floor if there is one, else in free space with surroundings, else in front of the scene |
-//! | `view` | the direction with the most variation |
+//! | `view` | the direction with the most to see |
+//! | `check` | warnings about a requested headbox |
 
+mod check;
 mod place;
 #[cfg(test)]
 mod tests;
 mod view;
 
+pub use check::{HeadboxFlaw, HeadboxWarning, check_headbox};
 pub use place::{EYE_HEIGHT_M, HeadboxError, fitting_half_size, place_headbox, suggest_headbox};
 pub use view::suggest_view;
 
@@ -37,10 +40,7 @@ fn look_around(tracer: &Tracer, world: DVec3) -> Surroundings {
     let mut distances = Vec::with_capacity(DIRECTIONS as usize);
     let mut backs = 0;
     for i in 0..DIRECTIONS {
-        let y = 1.0 - 2.0 * (i as f32 + 0.5) / DIRECTIONS as f32;
-        let (sin, cos) = (i as f32 * 2.399_963_2).sin_cos(); // the golden angle
-        let radius = (1.0 - y * y).sqrt();
-        let direction = Vec3::new(radius * cos, y, radius * sin);
+        let direction = spread_direction(i);
         if let Some(hit) = cast(tracer, world, direction) {
             distances.push(hit.t);
             let normal = tracer.scene().geometric_normal(hit.primitive);
@@ -56,6 +56,14 @@ fn look_around(tracer: &Tracer, world: DVec3) -> Surroundings {
         enclosed: hits / f64::from(DIRECTIONS),
         backs: f64::from(backs) / hits.max(1.0),
     }
+}
+
+/// Returns the `i`-th of [`DIRECTIONS`] unit vectors, evenly spread.
+fn spread_direction(i: u32) -> Vec3 {
+    let y = 1.0 - 2.0 * (i as f32 + 0.5) / DIRECTIONS as f32;
+    let (sin, cos) = (i as f32 * 2.399_963_2).sin_cos(); // the golden angle
+    let radius = (1.0 - y * y).sqrt();
+    Vec3::new(radius * cos, y, radius * sin)
 }
 
 /// Returns the closest hit of a ray from a world position.

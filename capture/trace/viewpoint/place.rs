@@ -19,8 +19,10 @@ const HEADROOM_M: f64 = 1.9;
 const STANDING_ROOM_M: f64 = 0.6;
 /// Maximum height difference of floors of one storey, metres.
 const STOREY_M: f64 = 0.5;
+/// Maximum horizontal distance of candidate positions from detail, metres.
+const DETAIL_REACH_M: f64 = 10.0;
 /// Number of seeded candidate positions.
-const TRIES: u32 = 600;
+pub(super) const TRIES: u32 = 600;
 /// Clearance beyond which a standing position does not improve, metres.
 const SUFFICIENT_CLEARANCE_M: f64 = 1.0;
 /// Median distance beyond which a standing position does not improve, metres.
@@ -36,6 +38,9 @@ const SHORTLIST: usize = 64;
 const MIN_CLEARANCE_SHARE: f64 = 0.05;
 /// Minimum fraction of standing positions under a level ceiling in a scene that has rooms.
 const MIN_COVERED: f64 = 0.05;
+/// Minimum fraction of standing positions near detail under a level ceiling in a scene of rooms on
+/// large grounds.
+const MIN_COVERED_NEAR_DETAIL: f64 = 0.5;
 /// Minimum fraction of directions with surfaces inside a room; fewer means next to objects.
 const MIN_ENCLOSED: f64 = 0.75;
 /// Minimum fraction of visible back faces inside a solid.
@@ -108,7 +113,7 @@ pub fn place_headbox(
 /// Suggests the half-size of a headbox about a world position: half the clearance (a cube's corner
 /// is 1.73 half-sizes away), but at most a twentieth of the scene's diagonal; if the position
 /// touches geometry, a hundredth of the diagonal.
-fn suggest_half_size(tracer: &Tracer, centre: DVec3) -> f64 {
+pub(super) fn suggest_half_size(tracer: &Tracer, centre: DVec3) -> f64 {
     let [low, high] = tracer.scene().bounds();
     let diagonal = (high - low).length();
     let fitting = 0.5 * look_around(tracer, centre).clearance_m;
@@ -135,7 +140,7 @@ pub fn fitting_half_size(half_size_m: f64, rays_per_pixel: f64) -> f64 {
 }
 
 /// Suggests a headbox at the eyes of a person standing on a floor, at the best of some seeded
-/// positions by clearance and view; without room to stand, at a free position in the lower part of
+/// positions, anywhere and near detail, by clearance and view; without room to stand, at a free position in the lower part of
 /// the scene's bounding box; without one (a statue, a tree, a house without ground), in front of
 /// the scene.
 pub fn suggest_headbox(tracer: &Tracer) -> Headbox {
@@ -149,9 +154,24 @@ pub fn suggest_headbox(tracer: &Tracer) -> Headbox {
 }
 
 /// Returns the `i`-th random position in a box.
-fn seeded_place(i: u32, low: DVec3, high: DVec3) -> DVec3 {
+pub(super) fn seeded_place(i: u32, low: DVec3, high: DVec3) -> DVec3 {
     let [x, y, z, _] = random4([i, 0xb0c5, 0, 0]).map(|r| f64::from(unit_float(r)));
     low + (high - low) * DVec3::new(x, y, z)
+}
+
+/// Returns the `i`-th random position near a triangle: detail is where triangles are. In a scene
+/// without triangles any position.
+fn place_near_detail(tracer: &Tracer, i: u32, low: DVec3, high: DVec3) -> DVec3 {
+    let scene = tracer.scene();
+    let [pick, turn, share, _] = random4([i, 0xde7a, 0, 0]).map(|r| f64::from(unit_float(r)));
+    let triangle = (pick * scene.triangles.len() as f64) as usize;
+    if triangle >= scene.triangles.len() {
+        return seeded_place(i, low, high);
+    }
+    let middle = scene.corners(triangle as u32).iter().sum::<DVec3>() / 3.0;
+    let angle = turn * std::f64::consts::TAU;
+    let offset = DVec3::new(angle.cos(), 0.0, angle.sin()) * (share * DETAIL_REACH_M);
+    (middle + offset).clamp(low, high)
 }
 
 /// Returns the best free position in the lower part of the scene's bounding box.
@@ -181,18 +201,32 @@ fn free_place(tracer: &Tracer) -> Option<DVec3> {
 /// Returns the eye position at the best standing position.
 fn standing_place(tracer: &Tracer) -> Option<DVec3> {
     let [low, high] = tracer.scene().bounds();
-    let tries = (0..TRIES).map(|i| seeded_place(i, low, high));
-    let floors: Vec<DVec3> = tries
-        .filter_map(|place| find_floor(tracer, place))
-        .collect();
+    let floors_below = |places: Vec<DVec3>| -> Vec<DVec3> {
+        places
+            .into_iter()
+            .filter_map(|place| find_floor(tracer, place))
+            .collect()
+    };
+    let anywhere = floors_below((0..TRIES).map(|i| seeded_place(i, low, high)).collect());
+    let near_detail = (0..TRIES).map(|i| place_near_detail(tracer, i, low, high));
+    let near_detail = floors_below(near_detail.collect());
     let is_covered = |floor: &&DVec3| {
         let ceiling = cast(tracer, **floor + DVec3::Y * 0.4, Vec3::Y);
         ceiling.is_some_and(|hit| tracer.scene().geometric_normal(hit.primitive).y.abs() > 0.7)
     };
-    let covered: Vec<DVec3> = floors.iter().filter(is_covered).copied().collect();
     // Rooms come before the roof above them, which is emptier and often larger.
-    let has_rooms = covered.len() as f64 >= MIN_COVERED * floors.len() as f64;
-    let floors = if has_rooms { covered } else { floors };
+    let is_mostly_covered = |floors: &[DVec3], share: f64| {
+        let covered = floors.iter().filter(is_covered).count();
+        covered > 0 && covered as f64 >= share * floors.len() as f64
+    };
+    let has_rooms = is_mostly_covered(&anywhere, MIN_COVERED)
+        || is_mostly_covered(&near_detail, MIN_COVERED_NEAR_DETAIL);
+    let floors: Vec<DVec3> = anywhere
+        .iter()
+        .chain(&near_detail)
+        .filter(|floor| !has_rooms || is_covered(floor))
+        .copied()
+        .collect();
     let storey = busiest_storey(&floors)?;
     let on_storey = floors
         .into_iter()
@@ -244,15 +278,17 @@ fn find_best(
         .map(|(_, place)| place)
 }
 
-/// Returns a position in front of the scene (+Z) from which it fits into a view of 60 degrees: at
-/// eye height, or at the height of its centre if that is lower.
-fn place_in_front(tracer: &Tracer) -> DVec3 {
+/// Returns a position in front of the scene (+Z), at the height of its middle, from which it just
+/// fits into a frame of 4:3 with a vertical field of view of 60 degrees.
+pub(super) fn place_in_front(tracer: &Tracer) -> DVec3 {
+    /// Half the height and half the width of the frame, as tangents.
+    const HALF_FRAME: [f64; 2] = [0.577, 0.770];
     let [low, high] = tracer.scene().bounds();
-    let (middle, distance) = ((low + high) / 2.0, (high - low).length());
-    let eye_y = (low.y + EYE_HEIGHT_M)
-        .min(middle.y)
-        .max(high.y - 0.55 * distance);
-    (middle + DVec3::Z * distance).with_y(eye_y)
+    let half_size = (high - low) / 2.0;
+    let distance = (half_size.y / HALF_FRAME[0]).max(half_size.x / HALF_FRAME[1]);
+    // A flat scene that is seen edge-on is viewed from outside of its box, too.
+    let distance = distance.max(0.1 * half_size.length());
+    (low + high) / 2.0 + DVec3::Z * (half_size.z + distance)
 }
 
 /// Returns the floor below a position, if a person can stand there.

@@ -1,5 +1,7 @@
 use super::*;
 use glam::dvec3;
+use headbox_core::file_frame::{FileFrame, UpAxis};
+use headbox_core::headbox::Headbox;
 use headbox_scene::material::Material;
 use headbox_scene::scene::{Scene, Triangle};
 use std::sync::Arc;
@@ -259,4 +261,131 @@ fn room_is_preferred_to_its_roof() {
     let eye = suggest_headbox(&office()).centre;
     let is_inside = (0.0..20.0).contains(&eye.x) && (0.0..12.0).contains(&eye.z) && eye.y < 6.7;
     assert!(is_inside, "{eye}");
+}
+
+/// Returns a house of one room, 6 m by 4 m and 3 m high, with walls of 0.4 m whose surfaces face
+/// outward.
+fn house_with_walls() -> Tracer {
+    let mut scene = Scene {
+        materials: vec![Material::default()],
+        ..Scene::default()
+    };
+    let walls = [
+        (dvec3(-0.4, -0.4, -0.4), dvec3(6.4, 0.0, 4.4)),
+        (dvec3(-0.4, 3.0, -0.4), dvec3(6.4, 3.4, 4.4)),
+        (dvec3(-0.4, 0.0, -0.4), dvec3(0.0, 3.0, 4.4)),
+        (dvec3(6.0, 0.0, -0.4), dvec3(6.4, 3.0, 4.4)),
+        (dvec3(0.0, 0.0, -0.4), dvec3(6.0, 3.0, 0.0)),
+        (dvec3(0.0, 0.0, 4.0), dvec3(6.0, 3.0, 4.4)),
+    ];
+    for (low, high) in walls {
+        let first = scene.triangles.len();
+        push_box(&mut scene, low, high, 0);
+        let middle = (low + high) / 2.0;
+        for triangle in first..scene.triangles.len() {
+            let [a, b, c] = scene.corners(triangle as u32);
+            if (b - a).cross(c - a).dot(a - middle) < 0.0 {
+                scene.triangles[triangle].vertices.swap(1, 2);
+            }
+        }
+    }
+    Tracer::new(Arc::new(scene), dvec3(3.0, 1.6, 2.0))
+}
+
+#[test]
+fn bad_headbox_is_flagged_with_a_good_one() {
+    let tracer = house_with_walls();
+    let check = |centre: DVec3, half_size_m: f64| {
+        check_headbox(
+            &tracer,
+            &Headbox {
+                centre,
+                half_size_m,
+            },
+        )
+    };
+    let middle = dvec3(3.0, 1.6, 2.0);
+    assert_eq!(check(middle, 0.5), None);
+
+    let in_wall = check(dvec3(-0.2, 1.6, 2.0), 0.3).unwrap();
+    assert_eq!(in_wall.flaw, HeadboxFlaw::InsideSolid);
+    assert_eq!(check(in_wall.better.centre, 0.3), None);
+    assert!(in_wall.better.centre.distance(middle) < 3.0, "{in_wall:?}");
+    assert!(in_wall.better.centre.x < 2.0, "nearest: {in_wall:?}");
+
+    let away = check(dvec3(500.0, 1.6, 2.0), 0.3).unwrap();
+    assert_eq!(away.flaw, HeadboxFlaw::NothingVisible);
+    assert_eq!(check(away.better.centre, 0.3), None);
+
+    let large = check(middle, 2.5).unwrap();
+    assert_eq!(large.flaw, HeadboxFlaw::SurfacesInside);
+    assert_eq!(check(middle, large.better.half_size_m), None);
+
+    let small = check(middle, 0.02).unwrap();
+    assert_eq!(small.flaw, HeadboxFlaw::TooSmall);
+    assert_eq!(check(middle, small.better.half_size_m), None);
+}
+
+#[test]
+fn warning_is_in_units_of_file() {
+    let warning = HeadboxWarning {
+        flaw: HeadboxFlaw::InsideSolid,
+        requested: Headbox {
+            centre: DVec3::ZERO,
+            half_size_m: 0.5,
+        },
+        better: Headbox {
+            centre: dvec3(1.0, 2.0, -3.0),
+            half_size_m: 0.5,
+        },
+    };
+    let frame = FileFrame {
+        up: UpAxis::Z,
+        unit_m: 0.01,
+    };
+    let sentence = warning.sentence(&frame);
+    assert!(sentence.ends_with("--center 100,300,200"), "{sentence}");
+}
+
+/// Two long walls 3 m apart with a shelf full of objects at one end: the long view is more
+/// interesting than the shelf at arm's length.
+#[test]
+fn long_view_is_preferred_to_near_detail() {
+    let mut scene = Scene {
+        materials: vec![Material::default()],
+        ..Scene::default()
+    };
+    push_box(&mut scene, DVec3::ZERO, dvec3(14.0, 3.0, 4.0), 0);
+    for thing in 0..40 {
+        let y = 0.5 + f64::from(thing / 8) * 0.4;
+        let z = 0.5 + 0.4 * f64::from(thing % 8);
+        push_box(
+            &mut scene,
+            dvec3(0.0, y, z),
+            dvec3(0.3, y + 0.2, z + 0.2),
+            0,
+        );
+    }
+    for table in 0..5 {
+        let x = 4.0 + 2.0 * f64::from(table);
+        push_box(&mut scene, dvec3(x, 0.0, 0.5), dvec3(x + 0.8, 0.8, 1.5), 0);
+        push_box(&mut scene, dvec3(x, 0.0, 2.6), dvec3(x + 0.8, 0.8, 3.6), 0);
+    }
+    let eye = dvec3(1.6, 1.6, 2.0);
+    let ahead = suggest_view(&Tracer::new(Arc::new(scene), eye), eye);
+    assert!(ahead.dot(DVec3::X) > 0.8, "{ahead}");
+}
+
+#[test]
+fn object_in_front_fills_the_frame() {
+    let mut scene = Scene {
+        materials: vec![Material::default()],
+        ..Scene::default()
+    };
+    push_box(&mut scene, dvec3(-2.0, 0.0, -2.0), dvec3(2.0, 12.0, 2.0), 0);
+    let tracer = Tracer::new(Arc::new(scene), DVec3::ZERO);
+    let eye = place::place_in_front(&tracer);
+    let top = ((12.0 - eye.y) / (eye.z - 2.0)).atan().to_degrees();
+    assert!((29.0..30.1).contains(&top), "{eye}: {top} degrees");
+    assert!((eye.y - 6.0).abs() < 1e-9 && eye.x == 0.0, "{eye}");
 }

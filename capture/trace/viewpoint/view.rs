@@ -25,7 +25,8 @@ pub(super) struct View {
 
 /// Returns the default horizontal viewing direction from a world position, a unit vector in world
 /// axes: the one whose view has the largest changes of depth, orientation and colour from ray to
-/// ray, weighted by distance (none for a blank wall or an empty sky). All default cameras use it.
+/// ray, times the solid angle that surfaces cover, times the root of their median distance. All
+/// default cameras use it.
 pub fn suggest_view(tracer: &Tracer, world: DVec3) -> DVec3 {
     best_view(tracer, world).ahead
 }
@@ -70,7 +71,7 @@ struct ViewRay {
     share: f64,
 }
 
-/// Returns the interest of a direction.
+/// Returns the interest of a direction: see [`suggest_view`].
 fn interest(tracer: &Tracer, world: DVec3, ahead: DVec3) -> f64 {
     let right = ahead.cross(DVec3::Y);
     let [columns, rows] = RAYS;
@@ -94,17 +95,18 @@ fn interest(tracer: &Tracer, world: DVec3, ahead: DVec3) -> f64 {
         .chain(up)
         .map(|(a, b)| a.share * difference(a.surface, b.surface))
         .sum();
-    let [low, high] = tracer.scene().bounds();
-    let far = (high - low).length().max(f64::MIN_POSITIVE);
-    // Distances count by their logarithm, from a thousandth of the scene's diagonal to the whole.
-    let openness = |ray: &ViewRay| {
-        ray.share
-            * ray.surface.map_or(0.0, |surface| {
-                (1.0 + (surface.distance_m / far).log10() / 3.0).clamp(0.0, 1.0)
-            })
-    };
-    let open: f64 = rays.iter().map(openness).sum::<f64>() / rays.len() as f64;
-    change * open
+    let mut distances: Vec<f64> = rays
+        .iter()
+        .filter_map(|ray| Some(ray.surface?.distance_m))
+        .collect();
+    distances.sort_by(f64::total_cmp);
+    let median = distances.get(distances.len() / 2).copied();
+    let covered: f64 = rays
+        .iter()
+        .filter(|ray| ray.surface.is_some())
+        .map(|ray| ray.share)
+        .sum();
+    change * covered * median.unwrap_or(0.0).sqrt()
 }
 
 fn trace_surface(tracer: &Tracer, world: DVec3, direction: DVec3) -> Option<VisibleSurface> {
