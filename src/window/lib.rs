@@ -8,7 +8,7 @@
 //! | `cube` | a cube LDI that is replaced by finer ones while it is shown |
 //! | `progressive_capture` | the capture of a scene in rounds, on a thread of low priority |
 //! | `photographs` | photographs without depth, coloured into cube LDIs in the background, coarse ones first |
-//! | `points` | point cloud of a scene, until its first round is captured |
+//! | `preview` | scene without light, until its first round is captured and outside of the headbox |
 //! | `house` | a house whose light is baked during the walk |
 //! | `live` | a folder of images, by cube LDIs of those nearest to the view, built in the background |
 //! | `marks` | camera positions and sparse points of an image set, drawn over frames |
@@ -26,9 +26,10 @@ mod threads;
 
 pub use crate::marks::Marks;
 pub use crate::sources::library::{
-    OpenError, SceneLibrary, open, open_source, show_cube, show_live, show_marks, show_photographs,
-    show_view,
+    OpenError, SceneLibrary, is_captured, open, open_source, show_cube, show_live, show_marks,
+    show_photographs, show_view,
 };
+pub use crate::sources::progressive_capture::CaptureOptions;
 
 use headbox_core::camera::Camera;
 use headbox_core::view::StartView;

@@ -5,6 +5,7 @@ mod bad_inputs;
 mod cli;
 mod demo_cli;
 mod export_cli;
+mod headbox_cli;
 mod house;
 mod images_cli;
 mod light_cli;

@@ -75,4 +75,6 @@ pub use headbox_core::view::{
     Control, Fact, Figure, FrameReport, FrameRequest, Navigation, Ongoing, Refinement, Room,
     RoomMap, Setting, SettingError, SettingValue, SettingValues, Stage, Swatch,
 };
-pub use source::{Entry, FrameSource, Library, PendingSource, Thumbnail};
+pub use source::{
+    Entry, FrameSource, HeadboxRequest, Headboxes, Library, PendingSource, Thumbnail,
+};

@@ -2,6 +2,7 @@
 
 use crate::input::bounds::EyeBounds;
 use crate::input::pose::Pose;
+use glam::DVec3;
 use headbox_core::file_frame::FileFrame;
 use headbox_core::view::{FrameReport, FrameRequest, Navigation, RoomMap, Setting};
 use std::path::Path;
@@ -19,6 +20,22 @@ pub trait FrameSource: Send {
     /// Box in which the eye may move (the headbox); `None` leaves it free.
     fn bounds(&self) -> Option<EyeBounds> {
         None
+    }
+
+    /// Headboxes of a source that can capture others, and that renders a preview outside of them;
+    /// `None` for other sources.
+    fn headboxes(&self) -> Option<Headboxes> {
+        None
+    }
+
+    /// Captures another headbox or shows another one, and returns one sentence that reports the
+    /// result. The window then asks for [`Self::bounds`], [`Self::start_pose`] and
+    /// [`Self::settings`] again.
+    ///
+    /// # Errors
+    /// One sentence for the person at the window.
+    fn request_headbox(&mut self, _request: HeadboxRequest) -> Result<String, String> {
+        Err("This view has no other headbox.".into())
     }
 
     /// Navigation mode.
@@ -56,7 +73,8 @@ pub trait FrameSource: Send {
     }
 
     /// Settings of the source's own panel, in order. The window shows them, keeps their values, and
-    /// passes them back with each request; called once, when the source is opened.
+    /// passes them back with each request; called when the source is opened, and after
+    /// [`Self::request_headbox`], which must not change their ids.
     fn settings(&self) -> Vec<Setting> {
         Vec::new()
     }
@@ -84,6 +102,29 @@ pub trait FrameSource: Send {
             "\"{action}\" is not something that this view can do."
         ))
     }
+}
+
+/// Headboxes of a source.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Headboxes {
+    /// Box of each, in order of capture.
+    pub bounds: Vec<EyeBounds>,
+    /// Index of the one that is shown.
+    pub shown: usize,
+}
+
+/// Request of another headbox.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum HeadboxRequest {
+    /// Capture a cube.
+    Capture {
+        /// Centre, world metres.
+        centre: DVec3,
+        /// Half of the edge length, metres.
+        half_size_m: f64,
+    },
+    /// Show the headbox with this index.
+    Show(usize),
 }
 
 /// Files and scenes that the window can open: the start page, drag and drop, the file list. Lives

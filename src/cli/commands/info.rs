@@ -3,7 +3,6 @@
 use super::capture::describe_aimed_rays;
 use super::images::{ImagesCommand, is_image_set};
 use crate::commands::capture::deep::{self as capture_deep, is_deep_picture};
-use crate::commands::capture::place::{figure, triple};
 use crate::commands::house::file as house_file;
 use crate::commands::lumigraph;
 use crate::messages::format_count;
@@ -11,6 +10,7 @@ use crate::output::print_json;
 use anyhow::Context;
 use clap::Args;
 use headbox_core::container::Container;
+use headbox_core::file_frame::{figure, triple};
 use headbox_cube::pack::file::CUBE_LDI;
 use headbox_cube::pack::{CubeLdi, SegmentSide};
 use headbox_house::file::HOUSE_FILE;

@@ -1,7 +1,9 @@
 //! `headbox view`.
 
 use super::images::is_image_set;
-use crate::args::{Names, SourceArgs, by_name, parse_size};
+use crate::args::{Names, SourceArgs, by_name, parse_size, refuse_given};
+use crate::commands::capture::place::HeadboxArgs;
+use crate::commands::capture::{Preset, PresetArgs};
 use crate::commands::images;
 use crate::commands::render::geometry::{
     GEOMETRY_ALONE, GeometryArgs, open_geometry, parse_texturing,
@@ -23,8 +25,8 @@ use headbox_viewer::{
     Exit, FrameSource, PendingSource, ReplayMode, Stereo, ViewerError, ViewerOptions,
 };
 use headbox_window::{
-    Marks, SceneLibrary, open, open_source, show_cube, show_live, show_marks, show_photographs,
-    show_view,
+    CaptureOptions, Marks, SceneLibrary, is_captured, open, open_source, show_cube, show_live,
+    show_marks, show_photographs, show_view,
 };
 use std::path::{Path, PathBuf};
 use std::sync::mpsc;
@@ -52,6 +54,10 @@ pub(crate) struct ViewCommand {
     images: SetArgs,
     #[command(flatten)]
     source: SourceArgs,
+    #[command(flatten)]
+    headbox: HeadboxArgs,
+    #[command(flatten)]
+    preset: PresetArgs,
     /// Path or camera file to replay
     #[arg(long, value_name = "PATH.json")]
     path: Option<PathBuf>,
@@ -223,9 +229,16 @@ impl ViewCommand {
         if texturing.is_none() && self.geometry.are_given() {
             bail_usage!("{GEOMETRY_ALONE}");
         }
+        if !is_captured(file) {
+            refuse_given(
+                "an input that the window does not capture",
+                self.capture_flags(),
+            )?;
+        }
         if !is_set {
             let (source, out) = (self.source.source(file), self.out.clone());
-            return Ok(Box::new(move || Ok(open_source(source, &out)?)));
+            let options = self.capture_options();
+            return Ok(Box::new(move || Ok(open_source(source, options, &out)?)));
         }
         let (folder, set, live) = (PathBuf::from(file), self.images, self.live);
         let geometry = self.geometry.clone();
@@ -234,7 +247,25 @@ impl ViewCommand {
         }))
     }
 
+    /// Flags of a capture in the window, each with true if it is given.
+    fn capture_flags(&self) -> impl Iterator<Item = (&'static str, bool)> {
+        let quality = ("--quality", self.preset.quality.is_some());
+        self.headbox.given_flags().into_iter().chain([quality])
+    }
+
+    /// Headbox and quality of a capture in the window.
+    fn capture_options(&self) -> CaptureOptions {
+        CaptureOptions {
+            centre: self.headbox.center,
+            half_size: self.headbox.half_size,
+            quality: self.preset.quality.map(Preset::numbers),
+        }
+    }
+
     fn options(&self) -> Result<ViewerOptions, UsageError> {
+        if self.files.is_empty() {
+            refuse_given("the start page", self.capture_flags())?;
+        }
         if self.files.is_empty()
             && (self.path.is_some() || self.frames.is_some() || self.when_refined)
         {

@@ -1,22 +1,24 @@
 //! A cube LDI that is replaced by finer ones while it is shown: captured in rounds, or made of
 //! photographs.
 
-use super::points::Points;
-use super::progressive_capture::{CaptureStatus, ProgressiveCapture};
+use super::preview::Preview;
+use super::progressive_capture::{CaptureOptions, CapturePlace, CaptureStatus, ProgressiveCapture};
 use super::view;
 use crate::facts::axes_fact;
 use crate::file_name::file_name;
 use crate::terms::TERMS;
 use crate::threads::FewerThreads;
 use glam::DVec3;
-use headbox_core::file_frame::FileFrame;
+use headbox_core::file_frame::{FileFrame, figure, triple};
 use headbox_core::view::StartView;
 use headbox_cube::pack::CubeLdi;
 use headbox_cube::view::CubeView;
 use headbox_ldi::scene_source::SceneSource;
+use headbox_trace::bvh::Tracer;
 use headbox_trace::viewpoint::suggest_view;
 use headbox_viewer::{
-    EyeBounds, FrameReport, FrameRequest, FrameSource, Ongoing, Pose, Refinement, Setting,
+    EyeBounds, Fact, FrameReport, FrameRequest, FrameSource, HeadboxRequest, Headboxes, Ongoing,
+    Pose, Refinement, Setting,
 };
 use headbox_views::TruthView;
 use std::path::{Path, PathBuf};
@@ -26,11 +28,19 @@ use std::time::{Duration, Instant};
 /// Source of a cube LDI that is replaced by [`Self::show`] or by its own capture.
 pub(super) struct CubeSource {
     title: String,
+    /// Headboxes with a cube, and the one that is being captured.
+    headboxes: Vec<ShownHeadbox>,
+    /// Index of the headbox that is shown.
+    shown: usize,
+    threads: FewerThreads,
+    live: Option<LiveCapture>,
+}
+
+/// A headbox and its cube.
+struct ShownHeadbox {
     place: Place,
     /// View of the latest cube; `None` until there is one.
     view: Option<TruthView>,
-    threads: FewerThreads,
-    live: Option<LiveCapture>,
 }
 
 /// Default view and headbox of an LDI.
@@ -43,14 +53,54 @@ pub(super) struct Place {
     pub(super) frame: FileFrame,
 }
 
-/// A capture that runs while its cube LDI is shown.
+impl Place {
+    /// The place of a capture, looking toward what there is to see.
+    fn of_capture(tracer: &Tracer, centre: DVec3, half_size_m: f64) -> Self {
+        Self {
+            centre,
+            half_size_m,
+            ahead: suggest_view(tracer, centre),
+            up: DVec3::Y,
+            frame: tracer.scene().frame,
+        }
+    }
+
+    fn bounds(&self) -> EyeBounds {
+        EyeBounds {
+            centre: self.centre,
+            half_size: DVec3::splat(self.half_size_m),
+        }
+    }
+}
+
+/// A capture that runs while cube LDIs are shown.
 struct LiveCapture {
+    source: SceneSource,
+    options: CaptureOptions,
     capture: ProgressiveCapture,
+    /// Index of the headbox that is captured.
+    index: usize,
     begun: Instant,
-    /// Point cloud shown before the first cube.
-    points: Points,
-    /// File that the button writes.
-    file: PathBuf,
+    tracer: Arc<Tracer>,
+    /// Preview of the scene before the first cube and outside of the headbox.
+    preview: Preview,
+    /// Warning about the first headbox.
+    warning: Option<String>,
+    output_dir: PathBuf,
+    /// Name of saved files, without an extension.
+    stem: String,
+}
+
+impl LiveCapture {
+    /// File that the button writes for a headbox.
+    fn file(&self, index: usize) -> PathBuf {
+        let number = if index == 0 {
+            String::new()
+        } else {
+            format!("-{}", index + 1)
+        };
+        self.output_dir.join(format!("{}{number}.ldi", self.stem))
+    }
 }
 
 /// Id of the button that saves the LDI.
@@ -64,7 +114,11 @@ impl CubeSource {
     ///
     /// # Errors
     /// One sentence if the scene cannot be opened or captured.
-    pub(super) fn capture(source: SceneSource, output_dir: &Path) -> Result<Self, String> {
+    pub(super) fn capture(
+        source: SceneSource,
+        options: CaptureOptions,
+        output_dir: &Path,
+    ) -> Result<Self, String> {
         let stem = source.name.strip_prefix("builtin:").unwrap_or(&source.name);
         let stem = Path::new(stem).file_stem().map_or_else(
             || "scene".into(),
@@ -75,21 +129,24 @@ impl CubeSource {
         } else {
             file_name(Path::new(&source.name))
         };
-        let (capture, found) = ProgressiveCapture::start(source)?;
-        let scene = found.tracer.scene();
-        let centre = found.headbox.centre;
-        let place = Place {
-            centre,
-            half_size_m: found.headbox.half_size_m,
-            ahead: suggest_view(&found.tracer, centre),
-            up: DVec3::Y,
-            frame: scene.frame,
-        };
+        let (capture, found) = ProgressiveCapture::start(&source, &options)?;
+        let CapturePlace {
+            tracer,
+            headbox,
+            warning,
+        } = found;
+        let place = Place::of_capture(&tracer, headbox.centre, headbox.half_size_m);
         let live = LiveCapture {
+            source,
+            options,
             capture,
+            index: 0,
             begun: Instant::now(),
-            points: Points::new(scene, centre),
-            file: output_dir.join(stem + ".ldi"),
+            preview: Preview::new(Arc::clone(&tracer)),
+            tracer,
+            warning,
+            output_dir: output_dir.to_owned(),
+            stem,
         };
         Ok(Self {
             live: Some(live),
@@ -118,28 +175,37 @@ impl CubeSource {
     pub(super) fn without_cube(title: String, place: Place) -> Self {
         Self {
             title,
-            place,
-            view: None,
+            headboxes: vec![ShownHeadbox { place, view: None }],
+            shown: 0,
             threads: FewerThreads::default(),
             live: None,
         }
     }
 
-    /// Replaces the cube.
+    /// Replaces the cube of the shown headbox.
     pub(super) fn show(&mut self, cube: impl Into<Arc<CubeLdi>>) {
-        let cube = cube.into();
-        match (&mut self.view, &self.live) {
+        self.show_at(self.shown, cube.into());
+    }
+
+    /// Replaces the cube of a headbox.
+    fn show_at(&mut self, index: usize, cube: Arc<CubeLdi>) {
+        let view = &mut self.headboxes[index].view;
+        match (&mut *view, &self.live) {
             (Some(view), _) => view.show(cube),
             (None, Some(live)) => {
                 let scene = Arc::new(live.capture.lit_scene());
-                self.view = Some(TruthView::with_scene(cube, scene));
+                *view = Some(TruthView::with_scene(cube, scene));
             }
-            (None, None) => self.view = Some(TruthView::new(cube)),
+            (None, None) => *view = Some(TruthView::new(cube)),
         }
     }
 
-    fn cube(&self) -> Option<&Arc<CubeLdi>> {
-        self.view.as_ref().map(TruthView::cube)
+    fn place(&self) -> &Place {
+        &self.headboxes[self.shown].place
+    }
+
+    fn cube(&self, index: usize) -> Option<&Arc<CubeLdi>> {
+        self.headboxes[index].view.as_ref().map(TruthView::cube)
     }
 
     /// Shows the latest cube of a live capture, and returns the capture's status.
@@ -147,13 +213,62 @@ impl CubeSource {
         let Some(live) = &self.live else {
             return Ok(None);
         };
-        let newer = live.capture.newer_than(self.cube());
-        let error = live.capture.take_error();
+        let index = live.index;
+        // In this order, or the last cube could be missed: it is there before the capture ends.
         let status = live.capture.status();
+        let error = live.capture.take_error();
+        let newer = live.capture.newer_than(self.cube(index));
         if let Some(newer) = newer {
-            self.show(newer);
+            self.show_at(index, newer);
         }
         error.map_or_else(|| Ok(Some(status)), Err)
+    }
+
+    /// Starts the capture of another headbox, and shows it. The earlier ones keep their latest
+    /// cubes; the one that was being captured is not refined further, and dropped without a cube.
+    fn capture_headbox(&mut self, centre: DVec3, half_size_m: f64) -> Result<String, String> {
+        self.update()?;
+        let Some(live) = &mut self.live else {
+            return Err("Only a scene can be captured here.".into());
+        };
+        let scene = live.tracer.scene();
+        let frame = scene.frame;
+        let options = CaptureOptions {
+            centre: Some(frame.file_from_world(centre)),
+            half_size: Some(half_size_m / frame.unit_m),
+            ..live.options
+        };
+        let (capture, found) = ProgressiveCapture::restart(scene, &live.source, &options)?;
+        let CapturePlace {
+            tracer,
+            headbox,
+            warning,
+        } = found;
+        if self.headboxes[live.index].view.is_none() {
+            self.headboxes.remove(live.index);
+        }
+        let place = Place::of_capture(&tracer, headbox.centre, headbox.half_size_m);
+        self.headboxes.push(ShownHeadbox { place, view: None });
+        self.shown = self.headboxes.len() - 1;
+        live.index = self.shown;
+        live.capture = capture;
+        live.begun = Instant::now();
+        live.preview = Preview::new(Arc::clone(&tracer));
+        live.tracer = tracer;
+        let here = format!(
+            "Capturing --center {} --half-size {} (in the file's axes and unit).",
+            triple(frame.file_from_world(headbox.centre)),
+            figure(headbox.half_size_m / frame.unit_m)
+        );
+        Ok(warning.map_or(here.clone(), |warning| format!("{here} But {warning}.")))
+    }
+
+    fn show_headbox(&mut self, index: usize) -> Result<String, String> {
+        if index >= self.headboxes.len() {
+            return Err(format!("There is no headbox {}.", index + 1));
+        }
+        self.shown = index;
+        Ok(format!("Headbox {} is shown.", index + 1))
     }
 
     /// Progress of a live capture; `None` if it has ended.
@@ -175,22 +290,45 @@ impl FrameSource for CubeSource {
 
     fn start_pose(&self) -> Pose {
         view::pose(&StartView {
-            eye: self.place.centre,
-            forward: self.place.ahead,
-            up: self.place.up,
+            eye: self.place().centre,
+            forward: self.place().ahead,
+            up: self.place().up,
             fov_y_deg: 60.0,
         })
     }
 
     fn bounds(&self) -> Option<EyeBounds> {
-        Some(EyeBounds {
-            centre: self.place.centre,
-            half_size: DVec3::splat(self.place.half_size_m),
+        Some(self.place().bounds())
+    }
+
+    fn headboxes(&self) -> Option<Headboxes> {
+        self.live.as_ref()?;
+        Some(Headboxes {
+            bounds: self.headboxes.iter().map(|h| h.place.bounds()).collect(),
+            shown: self.shown,
         })
     }
 
+    fn request_headbox(&mut self, request: HeadboxRequest) -> Result<String, String> {
+        match request {
+            HeadboxRequest::Capture {
+                centre,
+                half_size_m,
+            } => self.capture_headbox(centre, half_size_m),
+            HeadboxRequest::Show(index) => self.show_headbox(index),
+        }
+    }
+
+    fn notes(&self) -> Vec<String> {
+        let warning = self.live.as_ref().and_then(|live| live.warning.as_ref());
+        warning
+            .map(|text| format!("Warning: {text}."))
+            .into_iter()
+            .collect()
+    }
+
     fn file_frame(&self) -> FileFrame {
-        self.place.frame
+        self.place().frame
     }
 
     fn terms(&self) -> &'static [(&'static str, &'static str)] {
@@ -202,7 +340,7 @@ impl FrameSource for CubeSource {
         if let Some(live) = &self.live {
             let tip = format!(
                 "Writes the LDI as captured so far to {}.",
-                live.file.display()
+                live.file(self.shown).display()
             );
             settings.push(Setting::action(SAVE, "Save as .ldi", &tip).under("Capture"));
         }
@@ -216,19 +354,41 @@ impl FrameSource for CubeSource {
     ) -> Result<FrameReport, String> {
         let status = self.update()?;
         let ongoing = status.and_then(|status| self.ongoing(&status));
-        let Some(view) = &mut self.view else {
-            if let Some(live) = &mut self.live {
-                live.points.paint(&request.camera, pixels);
+        let polls = ongoing.is_some();
+        let ShownHeadbox { place, view } = &mut self.headboxes[self.shown];
+        let is_outside = !place.bounds().contains(request.camera.eye());
+        let mut report = match (view, &mut self.live) {
+            (Some(view), None) => view::render(view, &mut self.threads, request, pixels)?,
+            (Some(view), Some(_)) if !is_outside => {
+                view::render(view, &mut self.threads, request, pixels)?
             }
-            return Ok(FrameReport {
-                ongoing,
-                refinement: Refinement::Later(POLL),
-                facts: vec![axes_fact(&self.place.frame)],
-                ..FrameReport::default()
-            });
+            (view, Some(live)) => {
+                live.preview.paint(&request.camera, pixels);
+                let text = if view.is_some() {
+                    "the scene without light: the eye is outside of the headbox"
+                } else {
+                    "the scene without light, until the first round is captured"
+                };
+                let shown = Fact {
+                    name: "shown",
+                    text: text.into(),
+                };
+                FrameReport {
+                    facts: vec![shown, axes_fact(&place.frame)],
+                    ..FrameReport::default()
+                }
+            }
+            // Nothing to show: the owner replaces the cube soon.
+            (None, None) => {
+                pixels.fill([0; 4]);
+                FrameReport {
+                    refinement: Refinement::Later(POLL),
+                    facts: vec![axes_fact(&place.frame)],
+                    ..FrameReport::default()
+                }
+            }
         };
-        let mut report = view::render(view, &mut self.threads, request, pixels)?;
-        if ongoing.is_some() {
+        if polls {
             report.refinement = Refinement::Later(POLL);
         }
         // The progress of truth, if it is shown, has priority.
@@ -239,17 +399,17 @@ impl FrameSource for CubeSource {
     fn act(&mut self, action: &str) -> Result<String, String> {
         match &self.live {
             Some(live) if action == SAVE => {
-                let newest = live
-                    .capture
-                    .newer_than(self.cube())
-                    .or_else(|| self.cube().cloned());
+                let shown = self.cube(self.shown);
+                let newer = (live.index == self.shown).then(|| live.capture.newer_than(shown));
+                let newest = newer.flatten().or_else(|| shown.cloned());
+                let file = live.file(self.shown);
                 let cube =
                     newest.ok_or("There is nothing to save before the first round is done.")?;
-                cube.write(&live.file).map_err(|error| error.to_string())?;
+                cube.write(&file).map_err(|error| error.to_string())?;
                 let (count, face) = (cube.depth_pixel_count(), cube.face_size_px);
                 Ok(format!(
                     "Saved {}: {count} depth pixels, faces of {face} px.",
-                    live.file.display()
+                    file.display()
                 ))
             }
             _ => Err(format!(

@@ -4,6 +4,7 @@ use super::cube::CubeSource;
 use super::house::HouseSource;
 use super::live::LiveSource;
 use super::photographs::PhotographsSource;
+use super::progressive_capture::CaptureOptions;
 use super::view::ViewSource;
 use crate::file_name::file_name;
 use crate::marks::{MarkedSource, Marks};
@@ -63,21 +64,36 @@ const HOUSE: &str = "builtin:house";
 /// # Errors
 /// See [`OpenError`].
 pub fn open(name: &str, output_dir: &Path) -> Result<Box<dyn FrameSource>, OpenError> {
-    open_source(SceneSource::new(name), output_dir)
+    open_source(
+        SceneSource::new(name),
+        CaptureOptions::default(),
+        output_dir,
+    )
 }
 
-/// Same as [`open`], with optional axes and unit of a scene's file.
+/// Returns true if `name` is a scene that [`open_source`] captures.
+pub fn is_captured(name: &str) -> bool {
+    let extension = Path::new(name).extension();
+    let extension = extension.map(|e| e.to_string_lossy().to_lowercase());
+    let is_scene = || extension.is_some_and(|e| SCENES.contains(&e.as_str()));
+    name != HOUSE && (name.starts_with("builtin:") || is_scene())
+}
+
+/// Same as [`open`], with axes, unit and light of a scene's file, and headbox and quality of its
+/// capture ([`is_captured`]); they have no effect on other kinds of files.
 ///
 /// # Errors
 /// See [`OpenError`].
 pub fn open_source(
     source: SceneSource,
+    options: CaptureOptions,
     output_dir: &Path,
 ) -> Result<Box<dyn FrameSource>, OpenError> {
     let name = source.name.as_str();
     let path = Path::new(name);
     let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase());
-    let capture = |source| CubeSource::capture(source, output_dir).map_err(OpenError::Scene);
+    let capture =
+        |source| CubeSource::capture(source, options, output_dir).map_err(OpenError::Scene);
     let source: Box<dyn FrameSource> = match extension.as_deref() {
         _ if name == HOUSE => Box::new(HouseSource::builtin().map_err(OpenError::Scene)?),
         _ if name.starts_with("builtin:") => Box::new(capture(source)?),

@@ -5,6 +5,6 @@ mod house;
 pub(crate) mod library;
 mod live;
 mod photographs;
-mod points;
-mod progressive_capture;
+mod preview;
+pub(crate) mod progressive_capture;
 pub(crate) mod view;

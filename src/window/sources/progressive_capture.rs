@@ -1,6 +1,6 @@
 //! Progressive capture: a coarse cube LDI in about a second, finer ones while the user looks around
 //! (like the barnyard of the papers, sampled in rounds). Until the first is ready, the scene's
-//! surfaces are shown as points.
+//! surfaces are shown without light.
 //!
 //! Every round is a whole capture, about four times as expensive as the one before: all rounds
 //! together take a third longer than the last alone. The last round is the capture of `headbox
@@ -8,6 +8,7 @@
 //! The first does not search for holes, which would delay the first image; the second, which is
 //! shown while the last is captured, closes those that show as specks.
 
+use glam::DVec3;
 use headbox_core::headbox::Headbox;
 use headbox_core::task::{Shared, Task, low_priority_pool};
 use headbox_cube::model::parameters::CaptureParameters;
@@ -20,46 +21,79 @@ use headbox_ldi::spec::{CaptureSpec, RunOptions};
 use headbox_scene::scene::Scene;
 use headbox_trace::bvh::Tracer;
 use headbox_trace::light::Lighting;
-use headbox_trace::viewpoint;
+use headbox_trace::viewpoint::{self, HeadboxError};
 use headbox_views::LitScene;
 use std::sync::Arc;
 
-/// Settings of one round of a progressive capture.
-#[derive(Clone, Copy)]
-struct Round {
-    face_size_px: u32,
-    strata: u32,
-    rays: u32,
-    light_samples: u32,
-    /// See [`CaptureParameters::holes`].
-    holes: f64,
+/// Headbox and quality of a capture in the window; by default as the scene suggests, with a fifth of
+/// the rays of `headbox capture`.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct CaptureOptions {
+    /// Centre of the headbox, in the axes and unit of the scene's file.
+    pub centre: Option<DVec3>,
+    /// Half of the headbox's edge length, in the file's unit.
+    pub half_size: Option<f64>,
+    /// Face size (pixels) and parameters of the last round.
+    pub quality: Option<(u32, CaptureParameters)>,
 }
 
-/// The rounds. The last has the face size and light of the default of `headbox capture` with a
-/// fifth of its rays, so that it is complete in about a minute.
-const ROUNDS: [Round; 3] = [
+/// Settings of one round of a progressive capture.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Round {
+    face_size_px: u32,
+    parameters: CaptureParameters,
+}
+
+/// Creates a round from its face size, strata, rays, light samples and share of holes.
+const fn round(face_size_px: u32, strata: u32, rays: u32, light_samples: u32, holes: f64) -> Round {
     Round {
-        face_size_px: 192,
-        strata: 12,
-        rays: 8,
-        light_samples: 1,
-        holes: 1.0,
-    },
-    Round {
-        face_size_px: 512,
-        strata: 16,
-        rays: 16,
-        light_samples: 2,
-        holes: 1e-3,
-    },
-    Round {
-        face_size_px: 1024,
-        strata: 24,
-        rays: 10,
-        light_samples: 4,
-        holes: CaptureParameters::DEFAULT.holes,
-    },
+        face_size_px,
+        parameters: CaptureParameters {
+            strata,
+            rays_per_stratum: rays,
+            light_samples,
+            holes,
+            ..CaptureParameters::DEFAULT
+        },
+    }
+}
+
+/// The rounds before the last.
+const FIRST_ROUNDS: [Round; 3] = [
+    round(192, 12, 8, 1, 1.0),
+    round(512, 16, 16, 2, 1e-3),
+    round(1024, 24, 10, 4, 1e-3),
 ];
+
+/// Returns the rounds that end with the given quality: those of at most half of its work, then
+/// itself. By default the last has the face size and light of the default of `headbox capture` with
+/// a fifth of its rays, so that it is complete in about a minute.
+fn rounds(quality: Option<(u32, CaptureParameters)>) -> Vec<Round> {
+    let [first, second, third] = FIRST_ROUNDS;
+    let Some((face_size_px, parameters)) = quality else {
+        let holes = CaptureParameters::DEFAULT.holes;
+        let parameters = CaptureParameters {
+            holes,
+            ..third.parameters
+        };
+        return vec![
+            first,
+            second,
+            Round {
+                parameters,
+                ..third
+            },
+        ];
+    };
+    let last = Round {
+        face_size_px,
+        parameters,
+    };
+    let before = FIRST_ROUNDS
+        .into_iter()
+        .filter(|round| round.work() <= last.work() / 2.0);
+    before.chain([last]).collect()
+}
 
 /// Face size from which accumulators are spilled to a temporary file, pixels. Smaller faces never
 /// need as much memory.
@@ -74,46 +108,46 @@ impl Round {
     fn work(&self) -> f64 {
         /// Approximate number of depth pixels per face pixel.
         const LAYERS: f64 = 1.5;
-        let rays = f64::from(self.strata).powi(4) * f64::from(self.rays);
-        rays + f64::from(self.face_size_px).powi(2) * LAYERS * f64::from(self.light_samples)
+        let parameters = &self.parameters;
+        let rays = f64::from(parameters.strata).powi(4) * f64::from(parameters.rays_per_stratum);
+        let light_samples = f64::from(parameters.light_samples);
+        rays + f64::from(self.face_size_px).powi(2) * LAYERS * light_samples
     }
 
     fn spec(&self, source: &SceneSource, headbox: &Headbox) -> CaptureSpec {
         CaptureSpec {
             face_size_px: self.face_size_px,
-            parameters: CaptureParameters {
-                strata: self.strata,
-                rays_per_stratum: self.rays,
-                light_samples: self.light_samples,
-                holes: self.holes,
-                ..CaptureParameters::DEFAULT
-            },
+            parameters: self.parameters,
             ..CaptureSpec::new(source.clone(), headbox.centre, headbox.half_size_m)
         }
     }
 }
 
-/// The half size of the headbox that the last round captures.
-fn fitted_headbox(
+/// Places the headbox of a capture. Without a requested half-size it is the one that the last round
+/// can fill.
+fn place(
+    options: &CaptureOptions,
     rounds: &[Round],
     source: &SceneSource,
-    scene: &Scene,
-    headbox: Headbox,
-) -> Headbox {
-    let Some(last) = rounds.last() else {
-        return headbox;
+    scene: &Arc<Scene>,
+) -> Result<Headbox, HeadboxError> {
+    let centre = options.centre.map(|p| scene.frame.world_from_file(p));
+    let half_size_m = options.half_size.map(|length| length * scene.frame.unit_m);
+    let headbox = viewpoint::place_headbox(scene, centre, half_size_m)?;
+    let (None, Some(last)) = (half_size_m, rounds.last()) else {
+        return Ok(headbox);
     };
     let mut spec = last.spec(source, &headbox);
     spec.fit_half_size(scene);
-    Headbox {
+    Ok(Headbox {
         half_size_m: spec.half_size_m,
         ..headbox
-    }
+    })
 }
 
 /// A capture in rounds on its own thread. Dropping it cancels the capture.
 pub(super) struct ProgressiveCapture {
-    rounds: &'static [Round],
+    rounds: Vec<Round>,
     task: Task<State>,
 }
 
@@ -163,33 +197,60 @@ pub(super) struct CaptureStatus {
 pub(super) struct CapturePlace {
     pub(super) tracer: Arc<Tracer>,
     pub(super) headbox: Headbox,
+    /// Warning about a requested headbox.
+    pub(super) warning: Option<String>,
 }
 
 impl ProgressiveCapture {
     /// Loads a scene and starts its capture.
     ///
     /// # Errors
-    /// A sentence, if the scene cannot be opened or no thread can be started.
-    pub(super) fn start(source: SceneSource) -> Result<(Self, CapturePlace), String> {
-        Self::start_rounds(source, &ROUNDS)
-    }
-
-    fn start_rounds(
-        source: SceneSource,
-        rounds: &'static [Round],
+    /// A sentence, if the scene cannot be opened, the headbox cannot be placed, or no thread can be
+    /// started.
+    pub(super) fn start(
+        source: &SceneSource,
+        options: &CaptureOptions,
     ) -> Result<(Self, CapturePlace), String> {
         let scene = Arc::new(source.open().map_err(|error| error.to_string())?);
-        let headbox =
-            viewpoint::place_headbox(&scene, None, None).map_err(|error| error.to_string())?;
-        let headbox = fitted_headbox(rounds, &source, &scene, headbox);
+        Self::start_in(scene, source, options, rounds(options.quality))
+    }
+
+    /// Starts the capture of a scene that is already loaded from `source`.
+    ///
+    /// # Errors
+    /// A sentence, if the headbox cannot be placed or no thread can be started.
+    pub(super) fn restart(
+        scene: &Arc<Scene>,
+        source: &SceneSource,
+        options: &CaptureOptions,
+    ) -> Result<(Self, CapturePlace), String> {
+        Self::start_in(Arc::clone(scene), source, options, rounds(options.quality))
+    }
+
+    fn start_in(
+        scene: Arc<Scene>,
+        source: &SceneSource,
+        options: &CaptureOptions,
+        rounds: Vec<Round>,
+    ) -> Result<(Self, CapturePlace), String> {
+        let headbox = place(options, &rounds, source, &scene).map_err(|error| error.to_string())?;
         let tracer = Arc::new(Tracer::new(scene, headbox.centre));
+        let is_requested = options.centre.is_some() || options.half_size.is_some();
+        let warning = is_requested.then(|| viewpoint::check_headbox(&tracer, &headbox));
+        let warning = warning.flatten();
         const NAME: &str = "capture";
         let work = {
             let tracer = Arc::clone(&tracer);
-            move |shared: &Shared<State>| run_all(shared, rounds, &source, tracer, &headbox)
+            let (source, rounds) = (source.clone(), rounds.clone());
+            move |shared: &Shared<State>| run_all(shared, &rounds, &source, tracer, &headbox)
         };
         let task = Task::start(NAME, low_priority_pool(NAME)?, State::default(), work)?;
-        Ok((Self { rounds, task }, CapturePlace { tracer, headbox }))
+        let place = CapturePlace {
+            warning: warning.map(|warning| warning.sentence(&tracer.scene().frame)),
+            tracer,
+            headbox,
+        };
+        Ok((Self { rounds, task }, place))
     }
 
     /// A function that waits for the scene with its light.
@@ -229,7 +290,7 @@ impl ProgressiveCapture {
         });
         CaptureStatus {
             rounds: [rounds_done, self.rounds.len()],
-            share: (work(before) + current) / work(self.rounds),
+            share: (work(before) + current) / work(&self.rounds),
             ended: state.ended,
         }
     }
@@ -243,7 +304,8 @@ fn run_all(
     tracer: Arc<Tracer>,
     headbox: &Headbox,
 ) -> Result<(), String> {
-    let bounces = CaptureParameters::DEFAULT.bounces;
+    let last = rounds.last().map(|round| round.parameters);
+    let bounces = last.unwrap_or(CaptureParameters::DEFAULT).bounces;
     let scene = LitScene {
         lighting: Arc::new(Lighting::prepare(&tracer, headbox.centre, bounces, true)),
         tracer,
@@ -283,25 +345,19 @@ fn capture(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use glam::DVec3;
 
     /// Two small rounds; the second searches for holes.
-    const SMALL_ROUNDS: [Round; 2] = [
-        Round {
-            face_size_px: 24,
-            strata: 4,
-            rays: 4,
-            light_samples: 1,
-            holes: 1.0,
-        },
-        Round {
-            face_size_px: 64,
-            strata: 5,
-            rays: 4,
-            light_samples: 1,
-            holes: 1e-3,
-        },
-    ];
+    fn small_rounds() -> Vec<Round> {
+        vec![round(24, 4, 4, 1, 1.0), round(64, 5, 4, 1, 1e-3)]
+    }
+
+    fn start_small(
+        source: &SceneSource,
+        options: &CaptureOptions,
+    ) -> (ProgressiveCapture, CapturePlace) {
+        let scene = Arc::new(source.open().unwrap());
+        ProgressiveCapture::start_in(scene, source, options, small_rounds()).unwrap()
+    }
 
     /// The capture of `headbox capture` with the settings of a round: its headbox, and the
     /// command's default for all that a round does not set.
@@ -313,13 +369,7 @@ mod tests {
             centre: headbox.centre,
             half_size_m: headbox.half_size_m,
             face_size_px: round.face_size_px,
-            parameters: CaptureParameters {
-                strata: round.strata,
-                rays_per_stratum: round.rays,
-                light_samples: round.light_samples,
-                holes: round.holes,
-                ..CaptureParameters::DEFAULT
-            },
+            parameters: round.parameters,
         };
         spec.fit_half_size(&scene);
         let tracer = Tracer::new(scene, headbox.centre);
@@ -360,14 +410,13 @@ mod tests {
             SceneSource::new("builtin:miniature"),
             SceneSource::new(open_scene.to_str().unwrap()),
         ] {
-            let (capture, place) =
-                ProgressiveCapture::start_rounds(source.clone(), &SMALL_ROUNDS).unwrap();
+            let (capture, place) = start_small(&source, &CaptureOptions::default());
             let state = capture.task.wait_while(|state| !state.ended);
             assert_eq!(state.error, None);
             let finished = state.data.newest.clone().unwrap();
             drop(state);
             assert_eq!(capture.status().share, 1.0);
-            let expected = command_capture(&source, &SMALL_ROUNDS[1]);
+            let expected = command_capture(&source, &small_rounds()[1]);
             assert!(
                 file_bytes(&finished) == file_bytes(&expected),
                 "{}",
@@ -394,7 +443,7 @@ mod tests {
             centre: DVec3::ZERO,
             half_size_m: 1.0,
         };
-        let last = ROUNDS[ROUNDS.len() - 1].spec(&source, &headbox);
+        let last = rounds(None)[2].spec(&source, &headbox);
         let default = CaptureSpec::new(source, headbox.centre, headbox.half_size_m);
         let fewer_rays = CaptureParameters {
             strata: last.parameters.strata,
@@ -408,9 +457,47 @@ mod tests {
     }
 
     #[test]
+    fn requested_headbox_is_captured() {
+        let source = SceneSource::new("builtin:interior");
+        let options = CaptureOptions {
+            centre: Some(DVec3::new(0.0, 1.5, 0.5)),
+            half_size: Some(0.25),
+            quality: None,
+        };
+        let (_capture, place) = start_small(&source, &options);
+        assert_eq!(place.headbox.centre, DVec3::new(0.0, 1.5, 0.5));
+        assert_eq!(place.headbox.half_size_m, 0.25);
+        assert_eq!(place.warning, None);
+        let in_the_wall = CaptureOptions {
+            centre: Some(DVec3::new(0.0, -20.0, 0.0)),
+            ..options
+        };
+        let (_capture, place) = start_small(&source, &in_the_wall);
+        let warning = place.warning.unwrap();
+        assert!(warning.contains("--center "), "{warning}");
+    }
+
+    #[test]
+    fn requested_quality_is_the_last_round() {
+        let draft = CaptureParameters {
+            strata: 16,
+            rays_per_stratum: 8,
+            light_samples: 1,
+            ..CaptureParameters::DEFAULT
+        };
+        let rounds = rounds(Some((256, draft)));
+        assert_eq!(rounds[0], FIRST_ROUNDS[0]);
+        let last = Round {
+            face_size_px: 256,
+            parameters: draft,
+        };
+        assert_eq!(rounds[1..], [last]);
+    }
+
+    #[test]
     fn dropping_cancels_the_capture() {
         let source = SceneSource::new("builtin:miniature");
-        let (capture, _) = ProgressiveCapture::start(source).unwrap();
+        let (capture, _) = ProgressiveCapture::start(&source, &CaptureOptions::default()).unwrap();
         let state = capture
             .task
             .wait_while(|state| state.data.newest.is_none() && !state.ended);
@@ -440,7 +527,8 @@ mod tests {
 
     #[test]
     fn unknown_scene_is_named_in_the_error() {
-        let error = ProgressiveCapture::start(SceneSource::new("builtin:nonsense"))
+        let source = SceneSource::new("builtin:nonsense");
+        let error = ProgressiveCapture::start(&source, &CaptureOptions::default())
             .err()
             .unwrap();
         assert!(error.contains("nonsense"), "{error}");

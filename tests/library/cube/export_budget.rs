@@ -192,7 +192,7 @@ fn files_within_a_budget_of_bytes() {
             bytes: Some(bytes),
             ..GlbBudget::default()
         };
-        let glb = glb::write(&cube, budget, &Silent, &mut files[2]).expect("writes");
+        glb::write(&cube, budget, &Silent, &mut files[2]).expect("writes");
         for file in &files {
             assert!(file.len() as u64 <= bytes, "{} of {bytes}", file.len());
         }

@@ -4,6 +4,7 @@ use crate::input::keymap::Command;
 use crate::playback::automation::save_screenshot;
 use crate::playback::eye_path::CameraPath;
 use crate::playback::{camera_file, export};
+use crate::source::HeadboxRequest;
 use crate::thread::exchange::{Location, Order};
 use crate::thread::session::Opening;
 use crate::thread::slot::lock;
@@ -47,6 +48,12 @@ impl Viewer {
             Command::GoToBookmark(index) => self.go_to_bookmark(index, now_s),
             Command::Start => self.back_to_start(ctx),
             Command::Act(action) => self.session.order(Order::Act(action)),
+            Command::ToggleLeave => self.toggle_leave(now_s),
+            Command::CaptureHere => self.capture_here(now_s),
+            Command::ShowHeadbox(index) => {
+                self.session
+                    .order(Order::Headbox(HeadboxRequest::Show(index)));
+            }
             Command::FullScreen => {
                 self.full_screen = !self.full_screen;
                 ctx.send_viewport_cmd(ViewportCommand::Fullscreen(self.full_screen));
@@ -59,6 +66,47 @@ impl Viewer {
         }
         // The next pass shows the change.
         ctx.request_repaint();
+    }
+
+    /// Returns true if the source captures headboxes; reports that it does not otherwise.
+    fn captures_headboxes(&mut self, now_s: f64) -> bool {
+        let captures = self
+            .info
+            .as_ref()
+            .is_some_and(|info| info.headboxes.is_some());
+        if !captures && self.info.is_some() {
+            let text =
+                "Only a scene that is captured live can be seen from outside of its headbox.";
+            self.messages.add(Kind::Done, text, now_s);
+        }
+        captures
+    }
+
+    /// Lets the eye leave the headbox, or brings it back.
+    fn toggle_leave(&mut self, now_s: f64) {
+        if self.captures_headboxes(now_s) {
+            self.headbox.leaves = !self.headbox.leaves;
+            self.return_to_headbox(now_s);
+        }
+    }
+
+    /// Captures a headbox about the eye.
+    fn capture_here(&mut self, now_s: f64) {
+        if self.captures_headboxes(now_s) {
+            let request = HeadboxRequest::Capture {
+                centre: self.eye.pose.eye,
+                half_size_m: self.headbox.half_size_m,
+            };
+            self.session.order(Order::Headbox(request));
+        }
+    }
+
+    /// Moves the eye back to the start of the headbox if it is outside and may not leave.
+    pub(crate) fn return_to_headbox(&mut self, now_s: f64) {
+        let bounds = self.info.as_ref().and_then(|info| info.bounds);
+        if !self.headbox.leaves && bounds.is_some_and(|b| !b.contains(self.eye.pose.eye)) {
+            self.centre(now_s);
+        }
     }
 
     fn centre(&mut self, now_s: f64) {
@@ -234,10 +282,11 @@ impl Viewer {
         }
     }
 
-    /// Sets the path to replay. Poses outside of the headbox are kept, with a message: a script may
-    /// show the holes there on purpose.
+    /// Sets the path to replay. Poses outside of the headbox are kept, with a message if there is no
+    /// preview: a script may show the holes there on purpose.
     pub(crate) fn set_path(&mut self, path: CameraPath, now_s: f64) {
-        if let Some(bounds) = self.info.as_ref().and_then(|info| info.bounds) {
+        let info = self.info.as_ref().filter(|info| info.headboxes.is_none());
+        if let Some(bounds) = info.and_then(|info| info.bounds) {
             let outside = path
                 .poses()
                 .iter()

@@ -45,7 +45,7 @@ mod tests {
         let flight = Flight::new(from, to, 10.0).unwrap();
         assert_eq!(flight.pose_at(9.0), (from, false));
         assert_eq!(flight.pose_at(10.0), (from, false));
-        assert_eq!(flight.pose_at(10.0 + Flight::DURATION_S), (to, true));
+        assert_eq!(flight.pose_at(11.0), (to, true));
         let (middle, over) = flight.pose_at(10.0 + Flight::DURATION_S / 2.0);
         assert!(!over && (middle.eye.x - 0.5).abs() < 1e-9);
         let nowhere = Pose {

@@ -41,6 +41,9 @@ pub(crate) enum Command {
     AddBookmark(String),
     RemoveBookmark(usize),
     GoToBookmark(usize),
+    ToggleLeave,
+    CaptureHere,
+    ShowHeadbox(usize),
     FullScreen,
     Dismiss,
 }
@@ -178,6 +181,16 @@ pub(crate) const BINDINGS: &[Binding] = &[
         &[Key::Space],
         Command::TogglePlayback,
         "Replay the path, or stop",
+    ),
+    press(
+        &[Key::F],
+        Command::ToggleLeave,
+        "Leave the headbox, or go back (live captures)",
+    ),
+    press(
+        &[Key::Enter],
+        Command::CaptureHere,
+        "Capture a headbox here (live captures)",
     ),
     press(&[Key::O], Command::ShowOpen, "Open a file"),
     press(&[Key::Backspace], Command::Start, "Back to the start page"),

@@ -79,9 +79,10 @@ impl Viewer {
 
     /// Handles a measured point.
     pub(crate) fn handle_probed(&mut self, probe: &Probe, point: Option<DVec3>, now_s: f64) {
-        let Some(info) = self.info.as_ref().filter(|info| info.id == probe.source_id) else {
+        let info = self.info.as_ref();
+        if info.is_none_or(|info| info.id != probe.source_id) {
             return;
-        };
+        }
         match (probe.goal, point) {
             (ProbeGoal::Orbit, point) => {
                 let ahead = |distance_m: f64| probe.pose.eye + probe.pose.forward() * distance_m;
@@ -93,8 +94,8 @@ impl Viewer {
             (ProbeGoal::Approach, Some(point)) => {
                 let by = (point - probe.pose.eye) * APPROACH_SHARE;
                 let from = probe.pose.eye;
-                let eye = info
-                    .bounds
+                let eye = self
+                    .eye_bounds()
                     .map_or(from + by, |bounds| bounds.clip(from, by));
                 let to = Pose::upright(eye, point, probe.pose.up, probe.pose.fov_y_deg);
                 if self.eye.orbit.is_some() {

@@ -1,5 +1,6 @@
 //! The viewport: steers the eye, requests frames and paints them.
 
+use crate::input::bounds::EyeBounds;
 use crate::input::keymap::{self, Command};
 use crate::input::motion::{Steering, SteeringResponse};
 use crate::input::navigation::place_in_frame;
@@ -58,6 +59,7 @@ impl Viewer {
         if let Some(divider) = divider {
             panels::divider::paint(ui.painter(), rect, self.divider_x(rect), &divider);
         }
+        self.paint_headboxes(ui.painter(), rect);
         self.paint_pivot(ui.painter(), rect);
         self.paint_insets(ui.painter(), rect);
         self.paint_legend(ui.painter(), rect);
@@ -125,8 +127,24 @@ impl Viewer {
         eye.pose = eye.motion.advance(&eye.pose, &steering, &handling, dt_s);
     }
 
+    /// Box in which the eye stays; `None` if it may go anywhere.
+    pub(crate) fn eye_bounds(&self) -> Option<EyeBounds> {
+        self.headbox.bounds(self.info.as_ref()?)
+    }
+
+    /// Paints the edges of the headboxes while the eye may leave them.
+    fn paint_headboxes(&self, painter: &Painter, rect: Rect) {
+        let headboxes = self.info.as_ref().and_then(|info| info.headboxes.as_ref());
+        if let Some(headboxes) = headboxes.filter(|_| self.headbox.leaves) {
+            let places = self.display.stereo.places() as usize;
+            for place in 0..places {
+                let rect = place_rect(rect, place, places);
+                panels::headbox::paint(painter, rect, headboxes, &self.eye.pose);
+            }
+        }
+    }
+
     fn steering_response(&self, rect: Rect) -> SteeringResponse {
-        let info = self.info.as_ref();
         let apart = if self.display.stereo.places() > 1 {
             self.display.separation_m / 2.0
         } else {
@@ -136,9 +154,7 @@ impl Viewer {
             navigation: self.navigation(),
             speed_m_per_s: self.eye.speed_m_per_s,
             grab_scene: self.eye.grab_scene,
-            bounds: info
-                .and_then(|info| info.bounds)
-                .map(|bounds| bounds.shrunk(apart)),
+            bounds: self.eye_bounds().map(|bounds| bounds.shrunk(apart)),
             view_height_points: f64::from(rect.height()),
         }
     }

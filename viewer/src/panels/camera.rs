@@ -46,11 +46,11 @@ pub(crate) fn show(
         .suffix("°")
         .max_decimals(1)
         .text("View");
-    if ui
+    let slider = ui
         .add(slider)
-        .on_hover_text("Vertical field of view in degrees (mouse wheel).")
-        .changed()
-    {
+        .on_hover_text("Vertical field of view in degrees (mouse wheel).");
+    // The slider rounds the values of a flight, too: that is no change by the user.
+    if slider.changed() && eye.flight.is_none() {
         eye.pose.fov_y_deg = fov;
         stop(eye, now_s);
     }

@@ -141,7 +141,7 @@ fn frustum(pose: &Pose, aspect: f64, length: f64) -> [DVec3; 4] {
 }
 
 /// Twelve edges of the cube from -1 to 1.
-fn edges() -> impl Iterator<Item = (DVec3, DVec3)> {
+pub(crate) fn edges() -> impl Iterator<Item = (DVec3, DVec3)> {
     let corner =
         |i: usize| DVec3::from([0, 1, 2].map(|axis| if i >> axis & 1 == 1 { 1.0 } else { -1.0 }));
     (0..8)

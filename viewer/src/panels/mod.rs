@@ -6,6 +6,7 @@ pub(crate) mod camera;
 pub(crate) mod chart;
 pub(crate) mod display;
 pub(crate) mod divider;
+pub(crate) mod headbox;
 pub(crate) mod inset;
 pub(crate) mod keys;
 pub(crate) mod legend;

@@ -14,6 +14,7 @@ pub(crate) fn show(
     frame: &FileFrame,
     shown: Option<&FinishedFrame>,
     recorder: &PathRecorder,
+    outside: bool,
 ) {
     ui.horizontal(|ui| {
         let [x, y, z] = frame.file_from_world(pose.eye).to_array();
@@ -31,6 +32,11 @@ pub(crate) fn show(
                 ui.monospace(format!("{}x{} px{share}  {ms:5.1} ms", size[0], size[1])).on_hover_text(
                     "Size of each rendered picture in pixels (share of the window's, in % of each side), and milliseconds \
                      for the frame.",
+                );
+            }
+            if outside {
+                ui.colored_label(super::theme::WARNING, "outside of the headbox: Enter captures here").on_hover_text(
+                    "The eye is outside of the headbox: the scene is shown without light. Enter captures a headbox about the eye.",
                 );
             }
             if let Some(poses) = recorder.recorded() {

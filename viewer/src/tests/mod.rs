@@ -4,6 +4,7 @@
 mod eye;
 mod files;
 mod frames;
+mod headbox;
 mod painter;
 mod panels;
 mod script;

@@ -3,7 +3,7 @@
 use crate::input::bounds::EyeBounds;
 use crate::input::pose::Pose;
 use crate::playback::eye_path::CameraPath;
-use crate::source::{Entry, FrameSource, Thumbnail};
+use crate::source::{Entry, FrameSource, HeadboxRequest, Headboxes, Thumbnail};
 use crate::thread::slot::{Inbox, Slot, lock};
 use crate::window::system_dialog::SystemQuestion;
 use egui::{Color32, ColorImage};
@@ -34,6 +34,8 @@ pub(crate) enum Order {
     Close,
     /// Executes a button of the source's panel.
     Act(&'static str),
+    /// Captures or shows another headbox.
+    Headbox(HeadboxRequest),
     /// Renders a path to PNG files.
     Export(ExportOrder),
     /// Cancels the running export.
@@ -115,6 +117,7 @@ pub(crate) struct SourceInfo {
     pub title: String,
     pub start_pose: Pose,
     pub bounds: Option<EyeBounds>,
+    pub headboxes: Option<Headboxes>,
     pub navigation: Navigation,
     pub speed_m_per_s: f64,
     pub plan: Option<RoomMap>,
@@ -139,6 +142,7 @@ impl SourceInfo {
             title: source.title(),
             start_pose: source.start_pose(),
             bounds: source.bounds(),
+            headboxes: source.headboxes(),
             navigation: source.navigation(),
             speed_m_per_s: source.speed_m_per_s(),
             plan: source.plan(),
@@ -160,6 +164,8 @@ pub(crate) enum Event {
         /// Number of orders to open or close so far.
         orders: u64,
     },
+    /// The source shows another headbox.
+    HeadboxChanged(Box<SourceInfo>),
     /// Opening failed; the previous source stays.
     OpenFailed {
         /// Error message.

@@ -2,7 +2,7 @@
 
 use crate::playback::export;
 use crate::playback::thumbnails::ThumbnailCache;
-use crate::source::{Entry, FrameSource, Library, PendingSource};
+use crate::source::{Entry, FrameSource, HeadboxRequest, Library, PendingSource};
 use crate::thread::exchange::{
     Event, ExportOrder, FinishedFrame, Job, Location, Order, Picture, Probe, Shared, SourceInfo,
     WakeCallback,
@@ -179,12 +179,33 @@ impl Worker {
                     }
                 }
             }
+            Order::Headbox(request) => self.request_headbox(request),
             Order::Export(order) => self.export = Some(Export { order, next: 0 }),
             Order::CancelExport => {
                 if self.export.take().is_some() {
                     self.send(Event::Exported(None));
                 }
             }
+        }
+    }
+
+    fn request_headbox(&mut self, request: HeadboxRequest) {
+        let Some(source) = &mut self.source else {
+            return;
+        };
+        let id = self.source_id;
+        let requested = catch_panic(|| {
+            let done = source.request_headbox(request)?;
+            Ok::<_, String>((done, SourceInfo::new(&**source, id)))
+        });
+        match requested {
+            Ok(Ok((done, info))) => {
+                self.refinement = None;
+                self.send(Event::HeadboxChanged(Box::new(info)));
+                self.send(Event::Done(done));
+            }
+            Ok(Err(error)) => self.send(Event::Error(error)),
+            Err(panic) => self.drop_source(panic),
         }
     }
 

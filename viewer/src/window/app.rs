@@ -6,6 +6,7 @@ use crate::input::pose::Pose;
 use crate::input::steering::{Eye, SettingSets};
 use crate::panels;
 use crate::panels::display::Display;
+use crate::panels::headbox::HeadboxPanel;
 use crate::panels::open::OpenList;
 use crate::panels::save::SaveDialog;
 use crate::panels::start::StartPage;
@@ -65,6 +66,7 @@ pub(crate) struct Viewer {
     pub policy: ResolutionPolicy,
     pub view_request: Option<ViewRequest>,
     pub jobs_issued: u64,
+    pub headbox: HeadboxPanel,
     pub show_panels: bool,
     /// True if the panel is open over the frame, in a window too narrow for both.
     pub panel_unfolded: bool,
@@ -166,6 +168,7 @@ impl Viewer {
             policy: ResolutionPolicy::default(),
             view_request: None,
             jobs_issued: 0,
+            headbox: HeadboxPanel::default(),
             show_panels: options.panels,
             panel_unfolded: false,
             show_keys: false,

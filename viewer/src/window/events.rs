@@ -2,6 +2,7 @@
 
 use crate::input::keymap::Command;
 use crate::input::steering::SettingSets;
+use crate::panels::headbox::HeadboxPanel;
 use crate::playback::bookmarks::Bookmarks;
 use crate::playback::path_recorder::PathRecorder;
 use crate::playback::{camera_file, thumbnails};
@@ -22,6 +23,7 @@ impl Viewer {
             Event::Opened { orders, .. } | Event::OpenFailed { orders, .. }
                 if orders != self.opening_orders => {}
             Event::Opened { info, .. } => self.handle_opened(ctx, *info, now_s),
+            Event::HeadboxChanged(info) => self.handle_headbox(*info, now_s),
             Event::OpenFailed { error, .. } => {
                 self.opening = None;
                 self.being_opened = SourceOrigin::default();
@@ -87,6 +89,7 @@ impl Viewer {
         self.eye.motion.stop();
         (self.eye.orbit, self.eye.flight) = (None, None);
         self.eye.speed_m_per_s = info.speed_m_per_s;
+        self.headbox = HeadboxPanel::new(&info);
         self.path_recorder = PathRecorder::new(self.path_recorder.mode);
         (self.opening, self.view_request, self.exporting) = (None, None, None);
         self.origin = std::mem::take(&mut self.being_opened);
@@ -105,6 +108,15 @@ impl Viewer {
         }
         self.info = Some(info);
         self.replay_given_path(now_s);
+    }
+
+    /// Shows another headbox of the same source.
+    fn handle_headbox(&mut self, info: SourceInfo, now_s: f64) {
+        self.headbox = HeadboxPanel::new(&info);
+        self.eye.speed_m_per_s = info.speed_m_per_s;
+        self.info = Some(info);
+        self.view_request = None;
+        self.return_to_headbox(now_s);
     }
 
     /// Replays the path that the window was started with.

@@ -3,7 +3,7 @@
 
 use crate::input::keymap::Command;
 use crate::panels::{
-    bookmarks, button, camera, display, record, section, source, statistics, status, theme,
+    bookmarks, button, camera, display, headbox, record, section, source, statistics, status, theme,
 };
 use crate::window::app::Viewer;
 use egui::{Area, Button, Context, Frame, Id, Label, Panel, RichText, ScrollArea, Ui, vec2};
@@ -40,7 +40,18 @@ impl Viewer {
                 .as_ref()
                 .map_or_else(FileFrame::default, |info| info.file_frame);
             let shown = self.shown.as_ref();
-            status::show(ui, &self.eye.pose, &frame, shown, &self.path_recorder);
+            let outside = self.info.as_ref().is_some_and(|info| {
+                let bounds = info.headboxes.as_ref().and(info.bounds);
+                bounds.is_some_and(|bounds| !bounds.contains(self.eye.pose.eye))
+            });
+            status::show(
+                ui,
+                &self.eye.pose,
+                &frame,
+                shown,
+                &self.path_recorder,
+                outside,
+            );
         });
         Panel::left("panel")
             .resizable(true)
@@ -129,10 +140,21 @@ impl Viewer {
         ui.add_space(6.0);
     }
 
-    /// Shows what every visitor needs: camera, exposure, quality, what is shown.
+    /// Shows what every visitor needs: headbox, camera, exposure, quality, what is shown.
     fn visitor_sections(&mut self, ui: &mut Ui, now_s: f64) {
         let navigation = self.navigation();
         let Some(info) = &self.info else { return };
+        if let Some(headboxes) = &info.headboxes {
+            section(ui, "Headbox", true, |ui| {
+                headbox::show(
+                    ui,
+                    &mut self.headbox,
+                    headboxes,
+                    &info.file_frame,
+                    &mut self.commands,
+                );
+            });
+        }
         let (display, sets) = (&mut self.display, &mut self.sets);
         section(ui, "Camera", true, |ui| {
             camera::show(
@@ -170,8 +192,8 @@ impl Viewer {
             );
         });
         section(ui, "Position and speed", false, |ui| {
-            let (bounds, frame) = (info.bounds.as_ref(), &info.file_frame);
-            camera::show_numbers(ui, &mut self.eye, bounds, frame, now_s);
+            let (bounds, frame) = (self.headbox.bounds(info), &info.file_frame);
+            camera::show_numbers(ui, &mut self.eye, bounds.as_ref(), frame, now_s);
         });
         let values = self.sets.edited(self.display.compare);
         source::groups(ui, info, values, true, &mut self.commands);

@@ -31,10 +31,10 @@ impl CaptureCommand {
         Outputs::new(self.json, [self.scene.name()]).file(&self.output, &CUBE)?;
         let set = self.images.open_registered(Path::new(self.scene.name()))?;
         let mut job = SetJob::suggest(&set);
-        if let Some(center) = self.center {
+        if let Some(center) = self.headbox.center {
             *job.centre() = set.frame.world_from_file(center);
         }
-        if let Some(half_size) = self.half_size {
+        if let Some(half_size) = self.headbox.half_size {
             *job.half_size_m() = half_size * set.frame.unit_m;
         }
         match &mut job {

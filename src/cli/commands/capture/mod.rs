@@ -15,10 +15,12 @@ mod quality;
 mod report;
 
 pub(crate) use quality::Preset;
+#[cfg(feature = "viewer")]
+pub(crate) use quality::PresetArgs;
 pub(crate) use report::describe_aimed_rays;
 
 use super::images::is_image_set;
-use crate::args::{SceneArgs, parse_length, parse_vector, refuse_given, refuse_misplaced};
+use crate::args::{SceneArgs, parse_vector, refuse_given, refuse_misplaced};
 use crate::image_set::SetArgs;
 use crate::messages::UsageError;
 use crate::output::{
@@ -32,6 +34,7 @@ use clap::Args;
 use deep::is_deep_picture;
 use estimate::Estimate;
 use glam::DVec3;
+use headbox_core::file_frame::{figure, triple};
 use headbox_core::files;
 use headbox_core::headbox::Headbox;
 use headbox_ldi::accumulate::shard::{self, ShardInfo};
@@ -41,7 +44,7 @@ use headbox_ldi::spec::RunOptions;
 use headbox_photos::voxel_colouring::Backdrop;
 use headbox_trace::bvh::Tracer;
 use headbox_trace::light::Lighting;
-use place::{figure, place_headbox, triple};
+use place::{HeadboxArgs, place_headbox};
 use quality::QualityArgs;
 use report::CaptureTimes;
 use serde_json::json;
@@ -56,14 +59,8 @@ pub(crate) struct CaptureCommand {
     /// Output .ldi file, or .shard file with --shard; `-` for standard output
     #[arg(short, long)]
     output: PathBuf,
-    /// Centre of the headbox, in the file's axes and unit; the scene's own, or a place in free
-    /// space, by default
-    #[arg(long, value_name = "X,Y,Z", value_parser = parse_vector, allow_hyphen_values = true)]
-    center: Option<DVec3>,
-    /// Half of the headbox's edge length, in the file's unit; the scene's own, or the largest that
-    /// fits into free space, by default
-    #[arg(long, value_name = "LENGTH", value_parser = parse_length, allow_hyphen_values = true)]
-    half_size: Option<f64>,
+    #[command(flatten)]
+    headbox: HeadboxArgs,
     #[command(flatten)]
     quality: QualityArgs,
     /// Memory limit, MiB, at least 64; samples beyond it are spilled to a temporary file next to
@@ -190,10 +187,10 @@ impl CaptureCommand {
         self.refuse_scene_flags("a deep picture", [])?;
         self.refuse_image_flags()?;
         let place = DeepCameraOptions {
-            centre: self.center,
+            centre: self.headbox.center,
             look_at: self.look_at,
             fov_y_deg: self.fov,
-            half_size_m: self.half_size,
+            half_size_m: self.headbox.half_size,
             name: self.scene.name().into(),
         };
         let name = self.scene.name();
@@ -214,9 +211,9 @@ impl CaptureCommand {
         let Headbox {
             centre,
             half_size_m,
-        } = place_headbox(&scene, self.center, self.half_size)?;
+        } = place_headbox(&scene, self.headbox.center, self.headbox.half_size)?;
         let mut spec = self.quality.spec(source, centre, half_size_m);
-        if self.half_size.is_none() {
+        if self.headbox.half_size.is_none() {
             spec.fit_half_size(&scene);
         }
         let tracer = Tracer::new(Arc::clone(&scene), centre);
@@ -228,6 +225,11 @@ impl CaptureCommand {
             triple(scene.frame.file_from_world(centre)),
             figure(spec.half_size_m / scene.frame.unit_m)
         );
+        let headbox = Headbox {
+            centre,
+            half_size_m: spec.half_size_m,
+        };
+        self.headbox.warn_if_bad(&tracer, &headbox);
         let parameters = &spec.parameters;
         let lighting = if self.shard.is_none() {
             Lighting::prepare(
@@ -332,7 +334,7 @@ impl CaptureCommand {
         let own_flags = [
             ("--shard", self.shard.is_some()),
             ("--memory", self.memory.is_some()),
-            ("--quality", self.quality.quality.is_some()),
+            ("--quality", self.quality.preset.quality.is_some()),
         ];
         let flags = own_flags
             .into_iter()

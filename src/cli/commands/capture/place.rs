@@ -1,12 +1,49 @@
 //! Placement of the headbox, in the axes and unit of its scene's file.
 
+use crate::args::{parse_length, parse_vector};
 use crate::messages::UsageError;
+use clap::Args;
 use glam::DVec3;
-use headbox_core::file_frame::FileFrame;
+use headbox_core::file_frame::{FileFrame, figure, triple};
 use headbox_core::headbox::Headbox;
 use headbox_scene::scene::Scene;
+use headbox_trace::bvh::Tracer;
 use headbox_trace::viewpoint::{self, HeadboxError};
 use std::sync::Arc;
+
+/// Place and size of the headbox.
+#[derive(Args, Clone, Copy)]
+pub(crate) struct HeadboxArgs {
+    /// Centre of the headbox, in the file's axes and unit; the scene's own, or a place in free
+    /// space, by default
+    #[arg(long, value_name = "X,Y,Z", value_parser = parse_vector, allow_hyphen_values = true)]
+    pub(crate) center: Option<DVec3>,
+    /// Half of the headbox's edge length, in the file's unit; the scene's own, or the largest that
+    /// fits into free space, by default
+    #[arg(long, value_name = "LENGTH", value_parser = parse_length, allow_hyphen_values = true)]
+    pub(crate) half_size: Option<f64>,
+}
+
+impl HeadboxArgs {
+    /// Flags of the headbox, each with true if it is given.
+    #[cfg(feature = "viewer")]
+    pub(crate) fn given_flags(&self) -> [(&'static str, bool); 2] {
+        [
+            ("--center", self.center.is_some()),
+            ("--half-size", self.half_size.is_some()),
+        ]
+    }
+
+    /// Warns if the user requested a headbox in a bad place or of a bad size.
+    pub(crate) fn warn_if_bad(&self, tracer: &Tracer, headbox: &Headbox) {
+        if self.center.is_none() && self.half_size.is_none() {
+            return;
+        }
+        if let Some(warning) = viewpoint::check_headbox(tracer, headbox) {
+            eprintln!("warning: {}", warning.sentence(&tracer.scene().frame));
+        }
+    }
+}
 
 /// Places the headbox: as requested, in the file's axes and unit, else as the scene suggests, else
 /// in free space.
@@ -43,26 +80,4 @@ fn in_file_units(error: &HeadboxError, frame: &FileFrame) -> String {
         }
         HeadboxError::Centre(_) => error.to_string(),
     }
-}
-
-/// Rounds a length to four significant digits.
-fn rounded(length: f64) -> f64 {
-    let digits = (3.0 - length.abs().max(f64::MIN_POSITIVE).log10().floor()).clamp(0.0, 12.0);
-    let scale = 10_f64.powf(digits);
-    // Adding zero drops the sign of -0.
-    (length * scale).round() / scale + 0.0
-}
-
-/// Formats a length with four significant digits, and an exponent where there would be many zeros.
-pub(crate) fn figure(length: f64) -> String {
-    match length.abs() {
-        1e7.. => format!("{length:.3e}").replace(".000e", "e"),
-        size if size > 0.0 && size < 1e-5 => format!("{length:.3e}").replace(".000e", "e"),
-        _ => rounded(length).to_string(),
-    }
-}
-
-/// Formats a position as the command line takes it.
-pub(crate) fn triple(position: DVec3) -> String {
-    position.to_array().map(figure).join(",")
 }

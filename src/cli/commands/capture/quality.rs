@@ -12,16 +12,23 @@ use headbox_trace::sampler::Strata;
 /// Quality of a capture.
 #[derive(Args)]
 pub(super) struct QualityArgs {
-    /// Preset of face size, strata, rays and light samples, each overridden by its own flag; best
-    /// by default
-    #[arg(long)]
-    pub(super) quality: Option<Preset>,
+    #[command(flatten)]
+    pub(super) preset: PresetArgs,
     /// Face size, pixels, 1 to 8192; or auto:WIDTHxHEIGHT@DEGREES, the size and strata that such
     /// frames need for an error below --error-px; auto alone is auto:1024x768@60
     #[arg(long, value_name = "PX", default_value_t = FaceSize::Px(CaptureSpec::DEFAULT_FACE_SIZE_PX))]
     pub(super) face_size: FaceSize,
     #[command(flatten)]
     pub(super) parameters: ParameterArgs,
+}
+
+/// Preset of a capture's quality.
+#[derive(Args, Clone, Copy)]
+pub(crate) struct PresetArgs {
+    /// Preset of face size, strata, rays and light samples, each overridden by its own flag of
+    /// capture; best by default, in a window with a fifth of its rays
+    #[arg(long)]
+    pub(crate) quality: Option<Preset>,
 }
 
 /// Rays, merging and light of a capture.
@@ -150,15 +157,27 @@ impl Preset {
         ("light_samples", ["1", "2"]),
     ];
 
-    /// Face size, pixels, for which the strata of a preset are chosen.
-    fn face_size(preset: Option<Self>) -> u32 {
-        let [(_, [draft, good]), ..] = Self::NUMBERS;
-        let size = match preset {
-            Some(Self::Draft) => draft,
-            Some(Self::Good) => good,
-            Some(Self::Best) | None => "",
+    /// Face size, pixels, and parameters of a capture with this preset and no other flag.
+    pub(crate) fn numbers(self) -> (u32, CaptureParameters) {
+        let column = match self {
+            Self::Draft => Some(0),
+            Self::Good => Some(1),
+            Self::Best => None,
         };
-        size.parse().unwrap_or(CaptureSpec::DEFAULT_FACE_SIZE_PX)
+        let number = |argument: &str, default: u32| {
+            let row = Self::NUMBERS.iter().find(|(name, _)| *name == argument);
+            let text = row.zip(column).map(|((_, texts), column)| texts[column]);
+            text.and_then(|text| text.parse().ok()).unwrap_or(default)
+        };
+        let default = CaptureParameters::DEFAULT;
+        let parameters = CaptureParameters {
+            strata: number("strata", default.strata),
+            rays_per_stratum: number("rays_per_stratum", default.rays_per_stratum),
+            light_samples: number("light_samples", default.light_samples),
+            ..default
+        };
+        let face_size_px = number("face_size", CaptureSpec::DEFAULT_FACE_SIZE_PX);
+        (face_size_px, parameters)
     }
 }
 
@@ -197,7 +216,12 @@ impl QualityArgs {
             scene,
             centre,
             half_size_m,
-            face_size_px: self.face_size.or(Preset::face_size(self.quality)),
+            face_size_px: self.face_size.or(self
+                .preset
+                .quality
+                .unwrap_or(Preset::Best)
+                .numbers()
+                .0),
             parameters: self.parameters.parameters(),
         }
     }

@@ -1,8 +1,8 @@
 //! Renderer of a view with its settings, for `headbox render`.
 
-use crate::commands::capture::place::{figure, triple};
 use anyhow::anyhow;
 use headbox_core::camera::Camera;
+use headbox_core::file_frame::{figure, triple};
 use headbox_core::frame::Frame;
 use headbox_core::statistics::median;
 use headbox_core::view::{

@@ -1,0 +1,93 @@
+//! Headboxes that are requested in bad places, and the same flags in the window.
+
+use crate::run::headbox;
+use std::path::Path;
+
+const SMALL: [&str; 8] = [
+    "--face-size",
+    "16",
+    "--strata",
+    "3",
+    "--rays",
+    "2",
+    "--light-samples",
+    "1",
+];
+
+/// Captures the built-in room with more arguments; returns the exit code and the messages.
+fn capture(dir: &Path, more: &[&str]) -> (Option<i32>, String) {
+    let fixed = ["capture", "builtin:interior", "-o", "a.ldi"];
+    let arguments = [&fixed, &SMALL[..], more].concat();
+    let output = headbox(dir, &arguments);
+    let messages = String::from_utf8(output.stderr).expect("UTF-8");
+    (output.status.code(), messages)
+}
+
+/// Argument after a flag in a message.
+fn argument_after<'t>(message: &'t str, flag: &str) -> &'t str {
+    let (_, rest) = message.split_once(flag).expect(message);
+    rest.split_whitespace().next().expect(message)
+}
+
+#[test]
+fn bad_headbox_is_warned_about_with_one_to_paste() {
+    let dir = tempfile::tempdir().unwrap();
+    let (code, messages) = capture(dir.path(), &["--half-size", "2.5"]);
+    assert_eq!(code, Some(0), "{messages}");
+    let warning = "warning: surfaces reach into the headbox";
+    assert_eq!(messages.matches(warning).count(), 1, "{messages}");
+    let half_size = argument_after(&messages, "one that fits: --half-size ");
+    let (_, messages) = capture(dir.path(), &["--half-size", half_size]);
+    assert!(!messages.contains("warning: "), "{messages}");
+
+    let (_, messages) = capture(dir.path(), &["--half-size", "0.001"]);
+    assert!(messages.contains("much smaller"), "{messages}");
+
+    let far = ["--center", "60,1.5,0", "--half-size", "0.3"];
+    let (_, messages) = capture(dir.path(), &far);
+    let place = argument_after(&messages, "the nearest good place: --center ");
+    let near = ["--center", place, "--half-size", "0.3"];
+    let (code, messages) = capture(dir.path(), &near);
+    assert_eq!(code, Some(0), "{messages}");
+    assert!(!messages.contains("hardly visible"), "{messages}");
+}
+
+#[test]
+fn headbox_of_scene_is_captured_without_warning() {
+    let dir = tempfile::tempdir().unwrap();
+    let (code, messages) = capture(dir.path(), &[]);
+    assert_eq!(code, Some(0), "{messages}");
+    assert!(!messages.contains("warning: "), "{messages}");
+}
+
+#[cfg(feature = "viewer")]
+#[test]
+fn window_has_flags_of_capture_for_scenes_only() {
+    let dir = tempfile::tempdir().unwrap();
+    let help = headbox(dir.path(), &["view", "--help"]).stdout;
+    let help = String::from_utf8(help).unwrap();
+    for flag in [
+        "--center",
+        "--half-size",
+        "--quality",
+        "--exposure",
+        "--tone",
+    ] {
+        assert!(help.contains(flag), "{flag}");
+        let inputs: &[&str] = match flag {
+            "--center" | "--half-size" | "--quality" => &["a.ldi", "Home.xml"],
+            _ => continue,
+        };
+        let value = match flag {
+            "--center" => "0,0,0",
+            "--half-size" => "1",
+            _ => "draft",
+        };
+        for input in inputs {
+            let output = headbox(dir.path(), &["view", input, flag, value]);
+            let message = String::from_utf8(output.stderr).expect("UTF-8");
+            assert_eq!(output.status.code(), Some(2), "{input}: {message}");
+            assert!(message.contains(flag), "{input}: {message}");
+        }
+    }
+}
