@@ -2,6 +2,7 @@
 
 use crate::{CubeLdi, Error, Scene};
 use glam::DVec3;
+use headbox_core::bounces::Bounces;
 use headbox_core::camera::Camera;
 use headbox_core::headbox::Headbox;
 use headbox_core::progress::{Progress, Silent};
@@ -107,9 +108,9 @@ impl<'a> Capture<'a> {
         self
     }
 
-    /// Sets the number of bounces of light between surfaces.
-    pub fn bounces(mut self, bounces: u32) -> Self {
-        self.parameters.bounces = bounces;
+    /// Sets the number of bounces of light between surfaces, or [`Bounces::Full`] for all; one by default.
+    pub fn bounces(mut self, bounces: impl Into<Bounces>) -> Self {
+        self.parameters.bounces = bounces.into();
         self
     }
 
@@ -231,7 +232,7 @@ impl<'a> SpriteCapture<'a> {
     /// [`Error::Sprite`].
     pub fn run(self) -> Result<SpriteSet, Error> {
         let tracer = self.scene.tracer(self.camera.eye());
-        let lighting = Lighting::prepare(
+        let lighting = Lighting::prepare_paths(
             &tracer,
             self.camera.eye(),
             CaptureParameters::DEFAULT.bounces,

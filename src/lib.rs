@@ -53,6 +53,7 @@ mod scene;
 pub use capture::{Capture, SpriteCapture};
 pub use error::Error;
 pub use glam::DVec3;
+pub use headbox_core::bounces::Bounces;
 pub use headbox_core::camera::Camera;
 pub use headbox_core::file_frame::{FileFrame, UpAxis};
 pub use headbox_core::frame::{Coverage, Frame};

@@ -29,6 +29,7 @@
 //! assert!((x - 3.0).abs() < 1e-12 && (y - 0.5).abs() < 1e-12 && (eye_depth - 1.0).abs() < 1e-12);
 //! ```
 
+pub mod bounces;
 pub mod camera;
 pub mod color;
 pub mod container;

@@ -12,7 +12,7 @@ use headbox_trace::bvh::Tracer;
 use headbox_trace::light::Lighting;
 use headbox_trace::truth::{self, Truth};
 use serde::{Deserialize, Serialize};
-use std::hash::{DefaultHasher, Hasher};
+use std::hash::{DefaultHasher, Hash, Hasher};
 use std::path::{Path, PathBuf};
 
 /// Sections of the two halves of the samples. Files of earlier programs lack them and are traced
@@ -112,14 +112,10 @@ impl<'a> Truths<'a> {
                 .iter()
                 .chain(&camera.world_from_eye().to_cols_array())
                 .for_each(|v| hash.write_u64(v.to_bits()));
-            [
-                camera.width(),
-                camera.height(),
-                samples,
-                self.lighting.bounces,
-            ]
-            .iter()
-            .for_each(|v| hash.write_u32(*v));
+            [camera.width(), camera.height(), samples]
+                .iter()
+                .for_each(|v| hash.write_u32(*v));
+            self.lighting.bounces.hash(hash);
             hash.write_u32(self.lighting.exposure.to_bits());
             hash.write_u8(u8::from(self.lit));
             small.iter().for_each(|image| hash.write(image.as_raw()));

@@ -2,6 +2,7 @@
 //! estimator's.
 
 use glam::{DVec2, DVec3, Vec2, Vec3, dvec3};
+use headbox_core::bounces::Bounces;
 use headbox_core::headbox::Headbox;
 use headbox_model::bake::{BakeOptions, Baked, bake, bake_model};
 use headbox_model::{Cell, PortalModel, Prism};
@@ -47,7 +48,7 @@ fn options(edge_m: f64) -> BakeOptions {
         edge_m,
         samples: 1,
         smoothing: 0,
-        bounces: 0,
+        bounces: Bounces::Exactly(0),
         ..BakeOptions::default()
     }
 }
@@ -241,7 +242,7 @@ fn baked_colours_equal_estimator() {
             edge_m: 0.3,
             samples: 32,
             smoothing: 1,
-            bounces: 1,
+            bounces: Bounces::Exactly(1),
             ..BakeOptions::default()
         };
         let Baked {

@@ -7,6 +7,7 @@
 )]
 
 use glam::{DVec3, Vec3, dvec3};
+use headbox_core::bounces::Bounces;
 use headbox_core::camera::Camera;
 use headbox_core::color::exposure::Exposure;
 use headbox_core::color::srgb8_from_linear;
@@ -85,7 +86,7 @@ fn spec() -> CaptureSpec {
         parameters: CaptureParameters {
             seed: 7,
             novelty: 0.3,
-            bounces: 1,
+            bounces: Bounces::Exactly(1),
             light_samples: 2,
             ..CaptureParameters::unlit(8, 8)
         },
@@ -647,7 +648,7 @@ fn no_wall_has_a_gap_of_one_pixel() {
     let scene = Arc::new(boxes.add(DVec3::ZERO, dvec3(2.0, 1.5, 2.0), wall).0);
     // So few rays that one pixel in 200 stays empty.
     let parameters = CaptureParameters {
-        bounces: 1,
+        bounces: Bounces::Exactly(1),
         light_samples: 1,
         seed: 7,
         ..CaptureParameters::unlit(4, 192)

@@ -8,6 +8,7 @@
 #[path = "../common/mod.rs"]
 mod common;
 
+mod bounced_light;
 mod capture;
 mod cube;
 mod from_images;

@@ -170,14 +170,12 @@ impl VertexLight<'_> {
         let mut guided = self.lighting.clone();
         let samples = count * self.options.samples.max(1) as usize;
         let training_paths = AtomicUsize::new(0);
-        guided.learn(
-            self.tracer,
-            &self.training_points(&subdivided),
-            &|done, total| {
-                training_paths.store(total, Ordering::Relaxed);
-                progress(done, total + samples)
-            },
-        );
+        let points = self.training_points(&subdivided);
+        guided.learn(self.tracer, &points, &|done, total| {
+            training_paths.store(total, Ordering::Relaxed);
+            progress(done, total + samples)
+        });
+        guided.cache_bounces(self.tracer, &points);
         let training_paths = training_paths.into_inner();
         let report = |done| progress(training_paths + done, training_paths + samples);
         let sums = VertexLight {

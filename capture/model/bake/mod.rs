@@ -20,6 +20,7 @@ mod light;
 
 use crate::{PortalModel, Prism, Side};
 use glam::{DVec2, DVec3};
+use headbox_core::bounces::Bounces;
 use headbox_scene::scene::{Scene, Sky};
 use headbox_scene::subdivide::subdivide;
 use headbox_trace::bvh::Tracer;
@@ -41,7 +42,7 @@ pub struct BakeOptions {
     /// neighbouring vertices of the same smooth surface, against the noise of few samples.
     pub smoothing: u32,
     /// Diffuse bounces of light.
-    pub bounces: u32,
+    pub bounces: Bounces,
 }
 
 impl Default for BakeOptions {
@@ -53,7 +54,7 @@ impl Default for BakeOptions {
             max_triangles: 6_000_000,
             samples: 64,
             smoothing: 6,
-            bounces: 1,
+            bounces: Bounces::Exactly(1),
         }
     }
 }
@@ -133,7 +134,7 @@ impl KnownVisibility<'_> {
 fn bake_visible(
     source: &Arc<Scene>,
     visibility: KnownVisibility<'_>,
-    prepare: impl FnOnce(&Tracer, u32) -> Lighting,
+    prepare: impl FnOnce(&Tracer, Bounces) -> Lighting,
     options: &BakeOptions,
     progress: &BakeProgress<'_>,
 ) -> Baked {

@@ -7,7 +7,9 @@
 //! by Jittered Spatial Hashing"; Christensen 1999, "Faster Photon Map Global Illumination"), and a
 //! few paths per cell represent all.
 
-use super::{LightSample, Lighting, LitPoint, Path};
+use super::cells::power_of_two_above;
+use super::path::Path;
+use super::{LightSample, Lighting, LitPoint};
 use crate::bvh::Tracer;
 use glam::Vec3;
 use headbox_scene::material::floor;
@@ -75,24 +77,6 @@ impl Arrival {
     }
 }
 
-/// Returns the exponent (modulo 256) and the value of the least power of two that is at least
-/// `length`.
-pub(super) fn power_of_two_above(length: f32) -> (u8, f32) {
-    // Adding the full mantissa carries into the exponent unless the mantissa is zero.
-    const MANTISSA: u32 = (1 << 23) - 1;
-    // NaN is treated as small.
-    let length = if length > 1e-30 {
-        length.min(1e30)
-    } else {
-        1e-30
-    };
-    let power = (length.to_bits() + MANTISSA) & !MANTISSA;
-    (
-        ((power >> 23) as u8).wrapping_sub(127),
-        f32::from_bits(power),
-    )
-}
-
 impl Lighting {
     /// Traces the first segment of a sample of [`Self::soft_radiosity`]: returns the light gathered
     /// before its ray hits a surface, and the arrival there, if any. The caller adds the
@@ -104,7 +88,7 @@ impl Lighting {
         sample: &LightSample,
     ) -> (Vec3, Option<Arrival>) {
         let mut path = Path::new(point);
-        let distance_m = self.vertex(tracer, &mut path, 0, sample);
+        let distance_m = self.light_vertex(tracer, &mut path, self.vertex(0), sample);
         let arrival = distance_m.map(|distance_m| Arrival {
             point: path.point,
             albedo: path.throughput,
@@ -114,15 +98,18 @@ impl Lighting {
         (path.sum, arrival)
     }
 
-    /// Traces the remainder of a sample: returns the radiosity per albedo at its arrival.
+    /// Traces the remainder of a sample: returns the radiosity per albedo at its arrival. Light that
+    /// has bounced before is that of the arrival's cell, if that is cached
+    /// ([`Self::with_cached_bounces`]).
     pub fn beyond(&self, tracer: &Tracer, arrival: &Arrival, sample: &LightSample) -> Vec3 {
         let throughput = arrival.albedo.max(Vec3::splat(MIN_ALBEDO));
         let mut path = Path {
             throughput,
             ..Path::new(&arrival.point)
         };
-        self.follow(tracer, &mut path, 1, sample);
-        path.sum / throughput
+        let bounced =
+            self.follow_to_cell(tracer, &mut path, sample, |point| self.bounced.light(point));
+        (path.sum + bounced.map_or(Vec3::ZERO, |(light, factor)| light * factor)) / throughput
     }
 }
 
@@ -137,28 +124,6 @@ mod tests {
             albedo: Vec3::ONE,
             weight: 1.0,
             distance_m,
-        }
-    }
-
-    #[test]
-    fn power_of_two_is_least_upper_bound() {
-        for (length, expected) in [
-            (1.0, 1.0),
-            (1.000_000_1, 2.0),
-            (0.75, 1.0),
-            (5.0, 8.0),
-            (0.25, 0.25),
-            (3e-9, 2f32.powi(-28)),
-        ] {
-            let (exponent, power) = power_of_two_above(length);
-            assert_eq!(
-                (power, exponent),
-                (expected, expected.log2() as i32 as u8),
-                "{length}"
-            );
-        }
-        for length in [0.0, -1.0, f32::INFINITY, f32::NAN, -f32::NAN] {
-            assert!(power_of_two_above(length).1.is_normal(), "{length}");
         }
     }
 

@@ -8,16 +8,16 @@
 //! "Practical Path Guiding"), and the density is proportional to the root mean square of the light,
 //! which minimises the variance of one ray (Rath et al. 2020, "Variance-Aware Path Guiding").
 
-use super::arrival::power_of_two_above;
-use super::pilot::percentile;
+use super::cells::{CellGrid, CellPoint, by_cell};
+use super::path::{FIRST_DIRECTION, Path};
 use super::square::{BINS, SquareDensity};
-use super::{FIRST_DIRECTION, LightSample, Lighting, LitPoint, Path, srgb_slope};
+use super::{LightSample, Lighting, LitPoint, srgb_slope};
 use crate::bvh::{Ray, Tracer};
 use crate::light::square;
 use crate::sampler::{cosine_direction, random4, square_from_disk};
 use glam::{Quat, Vec3};
+use headbox_core::bounces::Bounces;
 use headbox_core::color::luminance;
-use headbox_scene::material::floor;
 use rayon::prelude::*;
 use rustc_hash::FxHashMap;
 use std::f32::consts::{PI, TAU};
@@ -27,9 +27,6 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 /// Minimum width of a cell as a fraction of its distance from the local origin; the maximum is
 /// twice that.
 const CELL_SHARE: f32 = 1.0 / 8.0;
-
-/// Minimum width of a cell as a fraction of the median distance of all training points.
-const MIN_WIDTH_SHARE: f32 = 1.0 / 16.0;
 
 /// Maximum number of training paths of a cell.
 const MAX_TRAINING_PATHS: u32 = 512;
@@ -57,27 +54,16 @@ const TRAINING_RAYS: u32 = 4096;
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Guide {
     cells: FxHashMap<u64, SquareDensity>,
-    /// Minimum width of a cell, metres.
-    min_width_m: f32,
+    grid: CellGrid,
 }
 
 impl Guide {
-    /// Returns the hash key of a point's cell, by position and normal.
-    fn cell(&self, point: &LitPoint) -> u64 {
-        let min_width_m = (point.position.abs().max_element() * CELL_SHARE).max(self.min_width_m);
-        let (exponent, width_m) = power_of_two_above(min_width_m);
-        let [x, y, z] = (point.position / width_m)
-            .to_array()
-            .map(|c| u64::from(floor(c) as i32 as u8));
-        x | y << 8 | z << 16 | u64::from(exponent) << 24 | point.quantised_normal() << 32
-    }
-
     /// Returns the density at a point, if its cell is guided.
     fn density(&self, point: &LitPoint) -> Option<&SquareDensity> {
         if self.cells.is_empty() {
             None
         } else {
-            self.cells.get(&self.cell(point))
+            self.cells.get(&self.grid.key(point))
         }
     }
 }
@@ -91,6 +77,14 @@ pub(super) struct Directions<'a> {
 }
 
 impl Directions<'_> {
+    /// Creates a cosine-weighted distribution.
+    pub(super) fn unguided(point: &LitPoint) -> Self {
+        Self {
+            turn: Quat::from_rotation_arc(Vec3::Z, point.shading_normal),
+            guide: None,
+        }
+    }
+
     /// Maps two numbers in [0, 1) to a unit direction and its importance weight: 1 if
     /// cosine-weighted.
     pub(super) fn sample(&self, pair: [f32; 2]) -> (Vec3, f32) {
@@ -119,8 +113,8 @@ impl Lighting {
     /// Returns the distribution of rays that leave a point.
     pub(super) fn directions(&self, point: &LitPoint) -> Directions<'_> {
         Directions {
-            turn: Quat::from_rotation_arc(Vec3::Z, point.shading_normal),
             guide: self.guide.density(point),
+            ..Directions::unguided(point)
         }
     }
 
@@ -165,19 +159,27 @@ impl Lighting {
         progress: &(dyn Fn(usize, usize) -> ControlFlow<()> + Sync),
     ) {
         self.guide = Guide::default();
-        let mut distances: Vec<f32> = points
-            .iter()
-            .map(|point| point.position.abs().max_element())
-            .collect();
+        // Full light is guided by its first bounce, which varies most and costs least to trace.
+        let bounces = self.bounces;
+        if bounces == Bounces::Full {
+            self.bounces = Bounces::Exactly(1);
+        }
+        self.guide = self.trained_guide(tracer, points, progress);
+        self.bounces = bounces;
+    }
+
+    /// Returns the guide that [`Self::learn`] trains.
+    fn trained_guide(
+        &self,
+        tracer: &Tracer,
+        points: &[LitPoint],
+        progress: &(dyn Fn(usize, usize) -> ControlFlow<()> + Sync),
+    ) -> Guide {
         let mut guide = Guide {
-            min_width_m: percentile(&mut distances, 0.5) * MIN_WIDTH_SHARE,
+            grid: CellGrid::new(points, CELL_SHARE),
             ..Guide::default()
         };
-        // Shuffles the points of a cell by a fixed order that is independent of position.
-        let keyed =
-            |(i, point): (u32, &LitPoint)| (guide.cell(point), i.wrapping_mul(0x9e37_79b9), *point);
-        let mut sorted: Vec<CellPoint> = (0..).zip(points).map(keyed).collect();
-        sorted.par_sort_unstable_by_key(|&(cell, order, _)| (cell, order));
+        let sorted = by_cell(&guide.grid, points);
         let cells: Vec<&[CellPoint]> = sorted
             .chunk_by(|a, b| a.0 == b.0)
             .filter(|points| points.len() >= MIN_CELL_POINTS)
@@ -204,21 +206,21 @@ impl Lighting {
                         progress(before + added as usize, max_paths)
                     });
             if outcome.is_break() {
-                return;
+                return Guide::default();
             }
             let estimates = cells
                 .iter()
                 .zip(&statistics)
                 .map(|(points, statistics)| (points.len(), statistics.estimate()));
             if !is_worthwhile(estimates) {
-                return; // few paths overestimate the gain, if anything
+                return Guide::default(); // few paths overestimate the gain, if anything
             }
         }
         let density = |(points, statistics): (&&[CellPoint], &CellStatistics)| {
             Some((points[0].0, statistics.estimate().density?))
         };
         guide.cells = cells.iter().zip(&statistics).filter_map(density).collect();
-        self.guide = guide;
+        guide
     }
 
     /// Traces training paths from the points of one cell up to `total` paths; none if the cell has
@@ -251,11 +253,12 @@ impl Lighting {
     ) {
         let directions = self.directions(point);
         let level = |light: Vec3| luminance((light * self.exposure).to_array());
-        let direct = self.direct(tracer, point, &sample, 0, Some(&directions));
+        let first = self.vertex(0);
+        let direct = self.direct(tracer, point, &sample, first, Some(&directions));
         statistics.by_points.add(level(direct));
         let mut path = Path::new(point);
         if self
-            .trace_next_ray(tracer, &mut path, 0, &sample, &directions)
+            .trace_next_ray(tracer, &mut path, first, &sample, &directions)
             .is_some()
         {
             self.follow(tracer, &mut path, 1, &sample);
@@ -266,9 +269,6 @@ impl Lighting {
         statistics.by_rays.add(level(path.sum));
     }
 }
-
-/// Training point with the key of its cell and its position in a shuffled order.
-type CellPoint = (u64, u32, LitPoint);
 
 /// Returns true if guiding reduces the variance enough over all cells, each with its number of
 /// training points.

@@ -5,14 +5,18 @@
 //! *radiosity per albedo* (irradiance / pi): the radiance that leaves the surface is that times its
 //! albedo, plus its emission. Next-event estimation samples the sun, lamps, emissive triangles and
 //! sky images; the last two (and the next bounce) are also sampled by one ray, cosine-weighted or
-//! guided, with multiple importance sampling. Russian roulette ends paths beyond three bounces.
+//! guided, with multiple importance sampling. Russian roulette ends paths beyond three bounces; paths
+//! of captures also end at cells in which light that has bounced is cached (`bounced`).
 
 mod arrival;
+mod bounced;
+mod cells;
 mod emitters;
 mod environment;
 mod gloss;
 mod guide;
 mod light_tree;
+mod path;
 mod pilot;
 mod sequence;
 mod sharp;
@@ -26,18 +30,18 @@ pub use arrival::Arrival;
 use crate::bvh::{Hit, Ray, Tracer};
 use crate::sampler::{random4, unit_float};
 use crate::viewpoint;
+use bounced::BouncedLight;
 use glam::{DVec3, Vec3};
-use guide::{Directions, Guide};
+use guide::Guide;
+use headbox_core::bounces::Bounces;
 use headbox_core::color::luminance;
 use headbox_core::color::tone::ToneMap;
 use headbox_scene::scene::{Sky, Sun, Surface};
 use light_tree::LightTree;
+use path::Path;
 use pilot::{Pilot, PilotPoint, percentile};
 use rayon::prelude::*;
 use sharp::LocalLamp;
-
-/// Number of bounces after which Russian roulette starts.
-const ROULETTE_BOUNCES: u32 = 3;
 
 /// Ambient fill light, attenuated by obscurance: radiance along a cosine-weighted ray that hits
 /// nothing within `reach_m`, falling to zero at zero distance. Replaces the lamps that a model of a
@@ -65,10 +69,12 @@ pub struct Lighting {
     /// Emissive triangles.
     emitters: LightTree,
     guide: Guide,
+    /// Cache of light that has bounced.
+    bounced: BouncedLight,
     /// Fill light.
     pub fill: FillLight,
     /// Number of diffuse bounces of a path beyond direct light.
-    pub bounces: u32,
+    pub bounces: Bounces,
     /// Factor from linear radiance to the input of `tone`.
     pub exposure: f32,
     /// Tone map from exposed radiance to stored levels.
@@ -143,49 +149,8 @@ pub struct LightSample {
     pub index: u32,
 }
 
-/// Maximum contribution of one bounce of one sample, in exposed units (1 is white). Where a path
-/// ends close to a small lamp, the inverse square makes rare samples thousands of times too bright,
-/// which no affordable number of samples averages out. Capture and truth are clamped alike. Sky
-/// light along rays is not clamped (bright spots of a sky image are a small part of it), nor is
-/// fill light.
-const MAX_BOUNCE_RADIANCE: f32 = 4.0;
-
 /// Maximum number of metering iterations to find an exposure under which no light was clamped.
 const MAX_METERING_ITERATIONS: u32 = 8;
-
-/// State of a light path.
-struct Path {
-    /// Current vertex.
-    point: LitPoint,
-    /// Product of the albedos so far.
-    throughput: Vec3,
-    /// Product of the importance weights of guided rays.
-    weight: f32,
-    /// Light gathered so far.
-    sum: Vec3,
-}
-
-impl Path {
-    fn new(point: &LitPoint) -> Self {
-        Self {
-            point: *point,
-            throughput: Vec3::ONE,
-            weight: 1.0,
-            sum: Vec3::ZERO,
-        }
-    }
-
-    /// Adds light at the current vertex; each channel of its contribution is at most `brightest`.
-    fn add(&mut self, light: Vec3, brightest: f32) {
-        self.sum += (self.throughput * light).min(Vec3::splat(brightest)) * self.weight;
-    }
-}
-
-/// Number of random decisions at each vertex of a path: sun, emitter, direction, survival.
-const DECISIONS: u32 = 4;
-
-/// Dimension of the direction of a path's first ray.
-const FIRST_DIRECTION: u32 = 2;
 
 /// Offset from the dimension of a decision's pair of numbers to that of its single number.
 const SINGLE: u32 = 1 << 30;
@@ -232,7 +197,7 @@ impl LightSample {
 impl Lighting {
     /// Creates the lighting of the tracer's scene with `bounces` diffuse bounces, no fill light and
     /// an exposure of 1.
-    pub fn unmetered(tracer: &Tracer, bounces: u32) -> Self {
+    pub fn unmetered(tracer: &Tracer, bounces: impl Into<Bounces>) -> Self {
         let scene = tracer.scene();
         Self {
             sun: scene.sun,
@@ -240,8 +205,9 @@ impl Lighting {
             lamps: sharp::local_lamps(tracer),
             emitters: emitters::emitter_tree(tracer),
             guide: Guide::default(),
+            bounced: BouncedLight::default(),
             fill: FillLight::default(),
-            bounces,
+            bounces: bounces.into(),
             exposure: 1.0,
             tone: scene.tone,
         }
@@ -254,7 +220,7 @@ impl Lighting {
     /// ([`headbox_core::color::exposure::Exposure`]). If more than a third of the visible surfaces
     /// receive less than 1 % of the 90th percentile, a fill light of a tenth of it (or 1 in total
     /// darkness) is added.
-    pub fn measure_at(tracer: &Tracer, place: DVec3, bounces: u32) -> Self {
+    pub fn measure_at(tracer: &Tracer, place: DVec3, bounces: impl Into<Bounces>) -> Self {
         let mut lighting = Self::unmetered(tracer, bounces);
         let pilot = Pilot::new(tracer, place);
         let mut exposed = lighting.meter(tracer, &pilot);
@@ -275,16 +241,32 @@ impl Lighting {
 
     /// Same as [`Self::measure_at`], from the centre of the scene's headbox, or else of
     /// [`viewpoint::suggest_headbox`].
-    pub fn measure(tracer: &Tracer, bounces: u32) -> Self {
+    pub fn measure(tracer: &Tracer, bounces: impl Into<Bounces>) -> Self {
         let headbox = tracer.scene().headbox;
         let headbox = headbox.unwrap_or_else(|| viewpoint::suggest_headbox(tracer));
         Self::measure_at(tracer, headbox.centre, bounces)
     }
 
-    /// Creates the lighting of a capture about `place`: [measured](Self::measure_at) there and
-    /// [guided](Self::guided) if `lit`; otherwise surfaces are as bright as their textures (an
-    /// exposure of 1, shifted by the stops that the scene specifies).
-    pub fn prepare(tracer: &Tracer, place: DVec3, bounces: u32, lit: bool) -> Self {
+    /// Creates the lighting of a capture about `place`: that of [`Self::prepare_paths`], with
+    /// [cached bounces](Self::with_cached_bounces).
+    pub fn prepare(tracer: &Tracer, place: DVec3, bounces: impl Into<Bounces>, lit: bool) -> Self {
+        let lighting = Self::prepare_paths(tracer, place, bounces, lit);
+        if lit {
+            lighting.with_cached_bounces(tracer)
+        } else {
+            lighting
+        }
+    }
+
+    /// Creates lighting whose light is traced along complete paths: [measured](Self::measure_at) at
+    /// `place` and [guided](Self::guided) if `lit`; otherwise surfaces are as bright as their
+    /// textures (an exposure of 1, shifted by the stops that the scene specifies).
+    pub fn prepare_paths(
+        tracer: &Tracer,
+        place: DVec3,
+        bounces: impl Into<Bounces>,
+        lit: bool,
+    ) -> Self {
         if lit {
             return Self::measure_at(tracer, place, bounces).guided(tracer);
         }
@@ -373,127 +355,6 @@ impl Lighting {
         let mut path = Path::new(point);
         self.follow(tracer, &mut path, 0, sample);
         path.sum
-    }
-
-    /// Traces a path from its vertex `bounce` on.
-    fn follow(&self, tracer: &Tracer, path: &mut Path, bounce: u32, sample: &LightSample) {
-        for bounce in bounce..=self.bounces {
-            if self.vertex(tracer, path, bounce, sample).is_none() {
-                return;
-            }
-        }
-    }
-
-    /// Next-event estimation of radiosity per albedo at vertex `bounce`. Light from the sky and
-    /// from emissive triangles is weighted against rays in `directions`, if these sample it too.
-    fn direct(
-        &self,
-        tracer: &Tracer,
-        point: &LitPoint,
-        sample: &LightSample,
-        bounce: u32,
-        directions: Option<&Directions<'_>>,
-    ) -> Vec3 {
-        let dimension = bounce * DECISIONS;
-        let shared = directions.filter(|_| !self.samples_only_sky(bounce));
-        let mut direct = self.emitter_light(tracer, point, sample, dimension, shared);
-        if let Some(directions) = directions {
-            direct += self.sky_light(tracer, point, sample, dimension, directions);
-        }
-        if bounce > 0 {
-            direct += self.sun_light(tracer, point, sample, dimension);
-            direct += self.lamp_light(tracer, point, sample, dimension);
-        }
-        direct
-    }
-
-    /// Returns the maximum contribution of a bounce, per channel.
-    fn brightest(&self, bounce: u32) -> f32 {
-        if bounce > 0 {
-            MAX_BOUNCE_RADIANCE / self.exposure
-        } else {
-            f32::INFINITY
-        }
-    }
-
-    /// Returns true if the ray from vertex `bounce` samples only the sky. This is so for the last
-    /// ray of a path that has bounced: its emitters are sampled by next-event estimation only.
-    fn samples_only_sky(&self, bounce: u32) -> bool {
-        bounce > 0 && bounce == self.bounces && self.fill.radiance == 0.0
-    }
-
-    /// Adds the light at the path's vertex `bounce` and moves the path to the next hit. Returns the
-    /// distance to it, metres; `None` if the path ends.
-    fn vertex(
-        &self,
-        tracer: &Tracer,
-        path: &mut Path,
-        bounce: u32,
-        sample: &LightSample,
-    ) -> Option<f32> {
-        // A last ray that samples only the sky is not traced in a scene without one.
-        let is_traced = self.sky.is_some() || !self.samples_only_sky(bounce);
-        let directions = is_traced.then(|| self.directions(&path.point));
-        let direct = self.direct(tracer, &path.point, sample, bounce, directions.as_ref());
-        path.add(direct, self.brightest(bounce));
-        self.trace_next_ray(tracer, path, bounce, sample, &directions?)
-    }
-
-    /// Traces the ray that continues the path, adds the light along it, and moves the path to its
-    /// hit (see [`Self::vertex`]).
-    fn trace_next_ray(
-        &self,
-        tracer: &Tracer,
-        path: &mut Path,
-        bounce: u32,
-        sample: &LightSample,
-        directions: &Directions<'_>,
-    ) -> Option<f32> {
-        let dimension = bounce * DECISIONS;
-        let point = path.point;
-        let brightest = self.brightest(bounce);
-        let (direction, weight) = directions.sample(sample.pair(dimension + FIRST_DIRECTION));
-        path.weight *= weight;
-        if direction.dot(point.normal) <= 0.0 {
-            return None; // below the geometric surface, about a tilted shading normal
-        }
-        let ray = Ray::new(point.ray_origin(), direction);
-        let hit = if self.samples_only_sky(bounce) {
-            // The last ray is only an occlusion test.
-            if tracer.occluded(&ray) {
-                return None;
-            }
-            None
-        } else {
-            tracer.closest(&ray)
-        };
-        let Some(hit) = hit else {
-            path.add(
-                self.sky_light_from_miss(&point, direction, directions) + self.fill.radiance,
-                f32::INFINITY,
-            );
-            return None;
-        };
-        if self.fill.radiance > 0.0 {
-            let openness = (hit.t / self.fill.reach_m).min(1.0);
-            path.add(
-                Vec3::splat(self.fill.radiance * openness * openness),
-                f32::INFINITY,
-            );
-        }
-        let (next, surface) = LitPoint::from_hit(tracer, &ray, &hit);
-        let emitted = self.emitter_light_from_hit(tracer, &point, &ray, &hit, &surface, directions);
-        path.add(emitted, brightest);
-        path.point = next;
-        path.throughput *= Vec3::from_array(surface.albedo);
-        if bounce >= ROULETTE_BOUNCES {
-            let survive = path.throughput.max_element().min(0.95);
-            if sample.single(dimension + 3) >= survive {
-                return None;
-            }
-            path.throughput /= survive;
-        }
-        Some(hit.t)
     }
 }
 

@@ -9,6 +9,7 @@ use crate::messages::format_count;
 use crate::output::print_json;
 use anyhow::Context;
 use clap::Args;
+use headbox_core::bounces::Bounces;
 use headbox_core::container::Container;
 use headbox_core::file_frame::{figure, triple};
 use headbox_cube::pack::file::CUBE_LDI;
@@ -103,7 +104,7 @@ impl InfoCommand {
         );
         println!(
             "  light       {}, {}{}",
-            format_count(info.parameters.bounces, "bounce"),
+            describe_bounces(info.parameters.bounces),
             format_count(info.parameters.light_samples, "sample"),
             info.light
                 .describe()
@@ -295,4 +296,12 @@ fn depth_range(sprite: &SpriteWithDepth) -> Option<[f64; 2]> {
         let [near, far] = range.unwrap_or([depth, depth]);
         Some([depth.min(near), depth.max(far)])
     })
+}
+
+/// Describes the bounces of a capture's light.
+fn describe_bounces(bounces: Bounces) -> String {
+    match bounces {
+        Bounces::Full => "all bounces".into(),
+        Bounces::Exactly(number) => format_count(number, "bounce"),
+    }
 }

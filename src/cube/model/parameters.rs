@@ -1,5 +1,6 @@
 //! Parameters of a capture, embedded in capture specifications and in headers of files.
 
+use headbox_core::bounces::Bounces;
 use serde::{Deserialize, Serialize};
 
 /// Sampling of a capture's rays.
@@ -41,7 +42,7 @@ pub struct CaptureParameters {
     #[serde(alias = "rays")]
     pub rays_per_stratum: u32,
     /// Diffuse bounces of light beyond direct light
-    pub bounces: u32,
+    pub bounces: Bounces,
     /// Light samples per depth pixel; 0 shows albedo and emission without light
     pub light_samples: u32,
     /// Random seed
@@ -74,7 +75,7 @@ impl CaptureParameters {
     pub const DEFAULT: Self = Self {
         strata: 32,
         rays_per_stratum: 16,
-        bounces: 1,
+        bounces: Bounces::Exactly(1),
         light_samples: 4,
         seed: 0,
         novelty: Self::DEFAULT_NOVELTY,
@@ -90,7 +91,7 @@ impl CaptureParameters {
             rays_per_stratum,
             novelty: 0.0,
             holes: 1.0,
-            bounces: 0,
+            bounces: Bounces::Exactly(0),
             light_samples: 0,
             ..Self::DEFAULT
         }

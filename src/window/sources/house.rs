@@ -4,6 +4,7 @@ use super::view;
 use crate::file_name::file_name;
 use crate::terms::TERMS;
 use crate::threads::FewerThreads;
+use headbox_core::bounces::Bounces;
 use headbox_core::file_frame::FileFrame;
 use headbox_core::progress::Silent;
 use headbox_core::task::{Shared, Task, low_priority_pool};
@@ -40,14 +41,14 @@ const LIGHTS: [BakeOptions; 2] = [
         max_triangles: 300_000,
         samples: 8,
         smoothing: 4,
-        bounces: 1,
+        bounces: Bounces::Exactly(1),
     },
     BakeOptions {
         edge_m: 0.4,
         max_triangles: 1_000_000,
         samples: 32,
         smoothing: 2,
-        bounces: 1,
+        bounces: Bounces::Exactly(1),
     },
 ];
 

@@ -1,6 +1,7 @@
 //! Files of version 1, older than the types of capture parameters and scene axes, stay readable:
 //! `tests/version_1` has one of each kind, `tests/corpus` a house.
 
+use headbox_core::bounces::Bounces;
 use headbox_core::file_frame::{FileFrame, UpAxis};
 use headbox_cube::model::parameters::MergeRule;
 use headbox_cube::model::parameters::{CaptureParameters, Sampler};
@@ -19,7 +20,7 @@ fn version_1_file(name: &str) -> PathBuf {
 const ASKED: CaptureParameters = CaptureParameters {
     strata: 3,
     rays_per_stratum: 3,
-    bounces: 1,
+    bounces: Bounces::Exactly(1),
     light_samples: 1,
     seed: 0,
     novelty: 0.18,

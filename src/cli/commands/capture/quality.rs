@@ -4,6 +4,7 @@ use super::face_size::FaceSize;
 use crate::args::{Names, by_name};
 use clap::{Args, ValueEnum};
 use glam::DVec3;
+use headbox_core::bounces::Bounces;
 use headbox_cube::model::parameters::{CaptureParameters, MergeRule, Sampler};
 use headbox_ldi::scene_source::SceneSource;
 use headbox_ldi::spec::CaptureSpec;
@@ -42,10 +43,9 @@ pub(super) struct ParameterArgs {
     #[arg(long = "rays", value_name = "M", default_value_t = CaptureParameters::DEFAULT.rays_per_stratum,
         value_parser = clap::value_parser!(u32).range(1..=i64::from(Strata::MAX_RAYS)))]
     rays_per_stratum: u32,
-    /// Diffuse bounces of light after direct light, 0 to 64
-    #[arg(long, value_name = "B", default_value_t = CaptureParameters::DEFAULT.bounces,
-        value_parser = clap::value_parser!(u32).range(0..=64))]
-    bounces: u32,
+    /// Diffuse bounces of light after direct light, 0 to 64, or full: all bounces
+    #[arg(long, value_name = "B", default_value_t = CaptureParameters::DEFAULT.bounces)]
+    bounces: Bounces,
     /// Light samples per depth pixel, 0 to 65535; 0 stores albedo and emission without lighting
     #[arg(long, value_name = "K", default_value_t = CaptureParameters::DEFAULT.light_samples,
         value_parser = clap::value_parser!(u32).range(0..=65_535))]

@@ -14,6 +14,7 @@ use crate::progress::Bar;
 use anyhow::Context;
 use clap::Args;
 use glam::DVec3;
+use headbox_core::bounces::Bounces;
 use headbox_core::container::FileError;
 use headbox_core::file_frame::FileFrame;
 use headbox_core::headbox::Headbox;
@@ -108,9 +109,10 @@ pub(super) struct LumigraphQualityArgs {
     /// Rays per pixel of a scene's images; 8 by default
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=65_536))]
     samples: Option<u32>,
-    /// Diffuse bounces of a scene's light after direct light, 0 to 64; 1 by default
-    #[arg(long, value_name = "B", value_parser = clap::value_parser!(u32).range(0..=64))]
-    bounces: Option<u32>,
+    /// Diffuse bounces of a scene's light after direct light, 0 to 64, or full: all bounces; 1 by
+    /// default
+    #[arg(long, value_name = "B")]
+    bounces: Option<Bounces>,
     /// Store albedo and emission without lighting
     #[arg(long)]
     unlit: bool,
@@ -175,7 +177,8 @@ impl LumigraphCommand {
             .quality
             .bounces
             .unwrap_or(CaptureParameters::DEFAULT.bounces);
-        let lighting = Lighting::prepare(&tracer, tracer.origin(), bounces, !self.quality.unlit);
+        let lighting =
+            Lighting::prepare_paths(&tracer, tracer.origin(), bounces, !self.quality.unlit);
         let bar = Bar::new();
         let capture = LumigraphCapture {
             tracer: &tracer,

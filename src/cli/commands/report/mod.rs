@@ -15,6 +15,7 @@ use anyhow::{Context, bail};
 use clap::Args;
 use clap::builder::TypedValueParser;
 use glam::DVec3;
+use headbox_core::bounces::Bounces;
 use headbox_core::container::Container;
 use headbox_core::file_frame::UpAxis;
 use headbox_core::headbox::Headbox;
@@ -68,9 +69,9 @@ pub(crate) struct ReportCommand {
     /// Seed of eyes and captures
     #[arg(long, value_name = "K", default_value_t = 0)]
     seed: u64,
-    /// Diffuse bounces of light after direct light, 0 to 64
-    #[arg(long, value_name = "B", default_value_t = CaptureParameters::DEFAULT.bounces, value_parser = clap::value_parser!(u32).range(0..=64))]
-    bounces: u32,
+    /// Diffuse bounces of light after direct light, 0 to 64, or full: all bounces
+    #[arg(long, value_name = "B", default_value_t = CaptureParameters::DEFAULT.bounces)]
+    bounces: Bounces,
     /// Cache folder of ray-traced truth, reused by later runs; headbox/truth in the user's cache
     /// folder by default
     #[arg(long, value_name = "DIR")]

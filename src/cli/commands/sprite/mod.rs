@@ -15,6 +15,7 @@ use crate::progress::Bar;
 use anyhow::{Context, bail};
 use clap::Args;
 use glam::DVec3;
+use headbox_core::bounces::Bounces;
 use headbox_core::depth_kind::DepthKind;
 use headbox_core::image::codec;
 use headbox_cube::model::parameters::CaptureParameters;
@@ -85,9 +86,9 @@ pub(super) struct SpriteQualityArgs {
     /// Rays per pixel
     #[arg(long, value_name = "N", default_value_t = DEFAULT_SAMPLES, value_parser = clap::value_parser!(u32).range(1..=65_536))]
     samples: u32,
-    /// Diffuse bounces of light after direct light, 0 to 64
-    #[arg(long, value_name = "B", default_value_t = CaptureParameters::DEFAULT.bounces, value_parser = clap::value_parser!(u32).range(0..=64))]
-    bounces: u32,
+    /// Diffuse bounces of light after direct light, 0 to 64, or full: all bounces
+    #[arg(long, value_name = "B", default_value_t = CaptureParameters::DEFAULT.bounces)]
+    bounces: Bounces,
     /// Store albedo and emission without lighting
     #[arg(long)]
     pub(super) unlit: bool,
@@ -239,7 +240,7 @@ impl SpriteCommand {
         let scene = Arc::new(source.open()?);
         outputs.add_scene(&scene)?;
         let (camera, tracer) = self.camera.aim(&scene)?;
-        let lighting = Lighting::prepare(
+        let lighting = Lighting::prepare_paths(
             &tracer,
             camera.eye(),
             self.quality.bounces,

@@ -12,6 +12,7 @@ use crate::progress::{Bar, duration};
 use anyhow::anyhow;
 use clap::Args;
 use glam::DVec3;
+use headbox_core::bounces::Bounces;
 use headbox_core::camera::Camera;
 use headbox_core::container::{Container, FileKind};
 use headbox_core::progress::Progress;
@@ -44,9 +45,10 @@ pub(crate) struct TruthCommand {
     images: Option<(u32, u32)>,
     #[command(flatten)]
     camera: CameraArgs,
-    /// Diffuse bounces of light beyond direct light; 1 by default, as in captures
-    #[arg(long, value_name = "B", value_parser = clap::value_parser!(u32).range(0..=64))]
-    bounces: Option<u32>,
+    /// Diffuse bounces of light beyond direct light, 0 to 64, or full: all bounces; 1 by default, as
+    /// in captures
+    #[arg(long, value_name = "B")]
+    bounces: Option<Bounces>,
     /// Maximum number of rays per pixel; 256 by default, without limit with --noise or --time
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_SAMPLES)))]
     samples: Option<u32>,
@@ -150,7 +152,7 @@ impl TruthCommand {
         let (camera, tracer) = self.camera.aim(&scene)?;
         let place = metering_place(&tracer, camera.eye());
         let bounces = self.bounces.unwrap_or(CaptureParameters::DEFAULT.bounces);
-        let lighting = Lighting::prepare(&tracer, place, bounces, !self.unlit);
+        let lighting = Lighting::prepare_paths(&tracer, place, bounces, !self.unlit);
         let half_size_m = match self.images {
             Some(_) => viewpoint::place_headbox(&scene, None, None)
                 .map_or(0.0, |headbox| headbox.half_size_m),

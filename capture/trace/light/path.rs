@@ -1,0 +1,240 @@
+//! Paths of light: next-event estimation at each vertex and the ray to the next.
+
+use super::guide::Directions;
+use super::{LightSample, Lighting, LitPoint};
+use crate::bvh::{Ray, Tracer};
+use glam::Vec3;
+use headbox_core::bounces::Bounces;
+
+/// Number of bounces after which Russian roulette starts.
+const ROULETTE_BOUNCES: u32 = 3;
+
+/// Maximum contribution of one bounce of one sample, in exposed units (1 is white). Where a path
+/// ends close to a small lamp, the inverse square makes rare samples thousands of times too bright,
+/// which no affordable number of samples averages out. Capture and truth are clamped alike. Sky
+/// light along rays is not clamped (bright spots of a sky image are a small part of it), nor is
+/// fill light.
+const MAX_BOUNCE_RADIANCE: f32 = 4.0;
+
+/// Number of random decisions at each vertex of a path: sun, emitter, direction, survival.
+const DECISIONS: u32 = 4;
+
+/// Dimension of the direction of a path's first ray.
+pub(super) const FIRST_DIRECTION: u32 = 2;
+
+/// State of a light path.
+pub(super) struct Path {
+    /// Current vertex.
+    pub(super) point: LitPoint,
+    /// Product of the albedos so far.
+    pub(super) throughput: Vec3,
+    /// Product of the importance weights of guided rays.
+    pub(super) weight: f32,
+    /// Light gathered so far.
+    pub(super) sum: Vec3,
+}
+
+/// Number of a vertex along its path.
+#[derive(Clone, Copy)]
+pub(super) struct Vertex {
+    /// Number of bounces before it.
+    bounce: u32,
+    /// True if no light is gathered beyond the ray that leaves it.
+    is_last: bool,
+}
+
+impl Vertex {
+    /// Dimension of its first random decision.
+    fn dimension(self) -> u32 {
+        self.bounce.wrapping_mul(DECISIONS)
+    }
+}
+
+impl Path {
+    pub(super) fn new(point: &LitPoint) -> Self {
+        Self {
+            point: *point,
+            throughput: Vec3::ONE,
+            weight: 1.0,
+            sum: Vec3::ZERO,
+        }
+    }
+
+    /// Adds light at the current vertex; each channel of its contribution is at most `brightest`.
+    fn add(&mut self, light: Vec3, brightest: f32) {
+        self.sum += (self.throughput * light).min(Vec3::splat(brightest)) * self.weight;
+    }
+}
+
+impl Lighting {
+    /// Returns the number of the last vertex of a path, if the path is not ended before.
+    fn last_bounce(&self) -> u32 {
+        match self.bounces {
+            Bounces::Full => u32::MAX,
+            Bounces::Exactly(number) => number,
+        }
+    }
+
+    /// Returns vertex `bounce` of a path with this lighting's number of bounces.
+    pub(super) fn vertex(&self, bounce: u32) -> Vertex {
+        Vertex {
+            bounce,
+            is_last: bounce == self.last_bounce(),
+        }
+    }
+
+    /// Traces a path from its vertex `bounce` on.
+    pub(super) fn follow(
+        &self,
+        tracer: &Tracer,
+        path: &mut Path,
+        bounce: u32,
+        sample: &LightSample,
+    ) {
+        for bounce in bounce..=self.last_bounce() {
+            let vertex = self.vertex(bounce);
+            if self.light_vertex(tracer, path, vertex, sample).is_none() {
+                return;
+            }
+        }
+    }
+
+    /// Traces a path from its vertex 1 until it ends or reaches a cell for which `find` returns the
+    /// light that has bounced before, or `None`. Returns that light, which the path's sum excludes,
+    /// and the factor of its contribution.
+    pub(super) fn follow_to_cell<T>(
+        &self,
+        tracer: &Tracer,
+        path: &mut Path,
+        sample: &LightSample,
+        find: impl Fn(&LitPoint) -> Option<T>,
+    ) -> Option<(T, Vec3)> {
+        for bounce in 1..=self.last_bounce() {
+            if let Some(light) = find(&path.point) {
+                let factor = path.throughput * path.weight;
+                // Lamps are also sampled by the ray that leaves the cell, as in complete paths, whose
+                // light is clamped less often than that of next-event estimation alone.
+                let vertex = Vertex {
+                    bounce,
+                    is_last: self.emitters.is_empty(),
+                };
+                self.light_vertex(tracer, path, vertex, sample);
+                return Some((light, factor));
+            }
+            self.light_vertex(tracer, path, self.vertex(bounce), sample)?;
+        }
+        None
+    }
+
+    /// Next-event estimation of radiosity per albedo at a vertex. Light from the sky and
+    /// from emissive triangles is weighted against rays in `directions`, if these sample it too.
+    pub(super) fn direct(
+        &self,
+        tracer: &Tracer,
+        point: &LitPoint,
+        sample: &LightSample,
+        vertex: Vertex,
+        directions: Option<&Directions<'_>>,
+    ) -> Vec3 {
+        let dimension = vertex.dimension();
+        let shared = directions.filter(|_| !self.samples_only_sky(vertex));
+        let mut direct = self.emitter_light(tracer, point, sample, dimension, shared);
+        if let Some(directions) = directions {
+            direct += self.sky_light(tracer, point, sample, dimension, directions);
+        }
+        if vertex.bounce > 0 {
+            direct += self.sun_light(tracer, point, sample, dimension);
+            direct += self.lamp_light(tracer, point, sample, dimension);
+        }
+        direct
+    }
+
+    /// Returns the maximum contribution of a vertex, per channel.
+    fn brightest(&self, vertex: Vertex) -> f32 {
+        if vertex.bounce > 0 {
+            MAX_BOUNCE_RADIANCE / self.exposure
+        } else {
+            f32::INFINITY
+        }
+    }
+
+    /// Returns true if the ray from a vertex samples only the sky. This is so for the last ray of a
+    /// path that has bounced: its emitters are sampled by next-event estimation only.
+    fn samples_only_sky(&self, vertex: Vertex) -> bool {
+        vertex.bounce > 0 && vertex.is_last && self.fill.radiance == 0.0
+    }
+
+    /// Adds the light at the path's vertex and moves the path to the next hit. Returns the distance
+    /// to it, metres; `None` if the path ends.
+    pub(super) fn light_vertex(
+        &self,
+        tracer: &Tracer,
+        path: &mut Path,
+        vertex: Vertex,
+        sample: &LightSample,
+    ) -> Option<f32> {
+        // A last ray that samples only the sky is not traced in a scene without one.
+        let is_traced = self.sky.is_some() || !self.samples_only_sky(vertex);
+        let directions = is_traced.then(|| self.directions(&path.point));
+        let direct = self.direct(tracer, &path.point, sample, vertex, directions.as_ref());
+        path.add(direct, self.brightest(vertex));
+        self.trace_next_ray(tracer, path, vertex, sample, &directions?)
+    }
+
+    /// Traces the ray that continues the path, adds the light along it, and moves the path to its
+    /// hit (see [`Self::light_vertex`]).
+    pub(super) fn trace_next_ray(
+        &self,
+        tracer: &Tracer,
+        path: &mut Path,
+        vertex: Vertex,
+        sample: &LightSample,
+        directions: &Directions<'_>,
+    ) -> Option<f32> {
+        let dimension = vertex.dimension();
+        let point = path.point;
+        let brightest = self.brightest(vertex);
+        let (direction, weight) = directions.sample(sample.pair(dimension + FIRST_DIRECTION));
+        path.weight *= weight;
+        if direction.dot(point.normal) <= 0.0 {
+            return None; // below the geometric surface, about a tilted shading normal
+        }
+        let ray = Ray::new(point.ray_origin(), direction);
+        let hit = if self.samples_only_sky(vertex) {
+            // The last ray is only an occlusion test.
+            if tracer.occluded(&ray) {
+                return None;
+            }
+            None
+        } else {
+            tracer.closest(&ray)
+        };
+        let Some(hit) = hit else {
+            path.add(
+                self.sky_light_from_miss(&point, direction, directions) + self.fill.radiance,
+                f32::INFINITY,
+            );
+            return None;
+        };
+        if self.fill.radiance > 0.0 {
+            let openness = (hit.t / self.fill.reach_m).min(1.0);
+            path.add(
+                Vec3::splat(self.fill.radiance * openness * openness),
+                f32::INFINITY,
+            );
+        }
+        let (next, surface) = LitPoint::from_hit(tracer, &ray, &hit);
+        let emitted = self.emitter_light_from_hit(tracer, &point, &ray, &hit, &surface, directions);
+        path.add(emitted, brightest);
+        path.point = next;
+        path.throughput *= Vec3::from_array(surface.albedo);
+        if vertex.bounce >= ROULETTE_BOUNCES {
+            let survive = path.throughput.max_element().min(0.95);
+            if sample.single(dimension + 3) >= survive {
+                return None;
+            }
+            path.throughput /= survive;
+        }
+        Some(hit.t)
+    }
+}
