@@ -26,6 +26,7 @@ use headbox_sprite::SpriteSet;
 use image::codecs::png::CompressionType;
 use rayon::prelude::*;
 use serde_json::{Value, json};
+use sha2::{Digest, Sha256};
 use std::io::{self, Write};
 
 /// Modules of every viewer, each after those that it imports; those of the representation are
@@ -150,13 +151,24 @@ impl Page {
         check_size(parts.iter().map(|part| part.text.len() as u64).sum())?;
         header["name"] = name.into();
         header["parts"] = parts.iter().map(|part| part.header.clone()).collect();
-        let before = TEMPLATE
-            .replace("@TITLE@", &escape(name))
-            .replace("@STYLE@", STYLE)
-            .replace("@POSTER@", &text::base64(&content.poster))
-            .replace("@SCRIPT@", &script(content.modules))
-            .replace("@HEADER@", &header.to_string().replace('<', "\\u003c"));
-        Ok(Self { before, parts })
+        let script = script(content.modules);
+        let policy = format!(
+            "default-src 'none'; img-src data:; style-src {}; script-src {}",
+            policy_source(STYLE),
+            policy_source(&script)
+        );
+        let slots = [
+            ("POLICY", policy),
+            ("TITLE", escape(name)),
+            ("STYLE", STYLE.into()),
+            ("POSTER", text::base64(&content.poster)),
+            ("SCRIPT", script),
+            ("HEADER", header.to_string().replace('<', "\\u003c")),
+        ];
+        Ok(Self {
+            before: fill(TEMPLATE, &slots),
+            parts,
+        })
     }
 
     /// Writes the page.
@@ -203,12 +215,32 @@ fn script(modules: &[&str]) -> String {
     script
 }
 
-/// Escapes text for HTML.
+/// Fills the slots of a template, `@NAME@`, in one pass: a value that contains the name of a slot
+/// stays as it is. Values must be escaped for their place.
+fn fill(template: &str, slots: &[(&str, String)]) -> String {
+    let mut page = String::new();
+    for (i, part) in template.split('@').enumerate() {
+        let slot = slots.iter().find(|(name, _)| i % 2 == 1 && *name == part);
+        page += slot.map_or(part, |(_, value)| value);
+    }
+    page
+}
+
+/// Returns the source of a Content-Security-Policy that allows an inline text: its hash. The
+/// template puts a line break before the text.
+fn policy_source(text: &str) -> String {
+    let hash = Sha256::new().chain_update("\n").chain_update(text);
+    format!("'sha256-{}'", text::base64(&hash.finalize()))
+}
+
+/// Escapes text for HTML; drops control characters.
 fn escape(text: &str) -> String {
-    text.replace('&', "&amp;")
+    text.replace(char::is_control, "")
+        .replace('&', "&amp;")
         .replace('<', "&lt;")
         .replace('>', "&gt;")
         .replace('"', "&quot;")
+        .replace('\'', "&#39;")
 }
 
 fn pack(part: Part) -> io::Result<PackedPart> {
@@ -264,6 +296,34 @@ mod tests {
     use headbox_core::progress::Silent;
     use headbox_cube::pack::PlaneSet;
     use std::collections::HashSet;
+
+    #[test]
+    fn hostile_names_stay_text() {
+        let name = "@HEADER@ @SCRIPT@ onload='alert(1)' \"><script>\u{1b}";
+        let slots = [
+            ("TITLE", escape(name)),
+            (
+                "HEADER",
+                json!({ "name": name }).to_string().replace('<', "\\u003c"),
+            ),
+            ("SCRIPT", "run()".into()),
+        ];
+        let page = fill(
+            "<b title=\"@TITLE@\">@HEADER@<script>@SCRIPT@</script>",
+            &slots,
+        );
+        let text = "@HEADER@ @SCRIPT@ onload=&#39;alert(1)&#39; &quot;&gt;&lt;script&gt;";
+        assert!(page.starts_with(&format!("<b title=\"{text}\">")), "{page}");
+        assert_eq!(page.matches("run()").count(), 1, "{page}");
+        assert_eq!(page.matches("<script>").count(), 1, "{page}");
+    }
+
+    #[test]
+    fn every_slot_of_the_template_is_filled() {
+        let names = ["POLICY", "TITLE", "STYLE", "POSTER", "SCRIPT", "HEADER"];
+        let page = fill(TEMPLATE, &names.map(|name| (name, String::new())));
+        assert!(!page.contains('@'), "{page}");
+    }
 
     #[test]
     fn modules_declare_each_name_once() {
