@@ -9,14 +9,19 @@
 
 use super::polygon::Polygon;
 use super::{Finding, Portal, PortalModel, Prism, doubled_area};
-use glam::{DVec2, DVec3};
+use glam::{DVec2, DVec3, Vec3Swizzles};
 use headbox_trace::bvh::{Ray, Tracer};
+use rayon::prelude::*;
 use std::collections::VecDeque;
 use std::ops::Range;
 
 /// Spacing of the rays along a border and in height, metres; a post or slit narrower than this may
 /// be missed.
 const GRID_M: f64 = 0.1;
+
+/// Maximum numbers of steps along a border and in height: 204 m and 51 m at [`GRID_M`]; larger
+/// borders have wider steps.
+const MAX_STEPS: [usize; 2] = [2048, 512];
 
 /// Distance of the outermost rays from a border's ends, floor and ceiling, metres.
 const RIM_M: f64 = 0.01;
@@ -80,18 +85,7 @@ impl PortalModel {
         let mut findings = Vec::new();
         let mut borders: VecDeque<Border> = self.borders().into();
         while let Some(border) = borders.pop_front() {
-            // Includes the portals of earlier borders, so that an opening is not found again from
-            // the neighbour's side.
-            let portals = self.portals.iter();
-            let openings = BorderSearch {
-                model: self,
-                tracer,
-                polygons: portals
-                    .filter_map(|portal| Polygon::new(&portal.polygon).ok())
-                    .collect(),
-                border,
-            }
-            .openings();
+            let openings = BorderSearch::new(self, tracer, border).openings();
             for opening in openings {
                 findings.extend(self.add_opening(&border, &opening, &mut borders));
             }
@@ -194,11 +188,10 @@ impl Border {
 }
 
 /// Returns evenly spaced coordinates from `low` to `high`, a rim away from both, with at most the
-/// grid's spacing.
-fn grid_coordinates(low: f64, high: f64) -> Vec<f64> {
-    const MAX_STEPS: usize = 4096;
+/// grid's spacing, or with `max_steps` steps.
+fn grid_coordinates(low: f64, high: f64, max_steps: usize) -> Vec<f64> {
     let span = high - low - 2.0 * RIM_M;
-    let steps = ((span / GRID_M).ceil() as usize).clamp(1, MAX_STEPS);
+    let steps = ((span / GRID_M).ceil() as usize).clamp(1, max_steps);
     (0..=steps)
         .map(|i| low + RIM_M + span * i as f64 / steps as f64)
         .collect()
@@ -208,9 +201,13 @@ fn grid_coordinates(low: f64, high: f64) -> Vec<f64> {
 struct BorderSearch<'a> {
     model: &'a PortalModel,
     tracer: &'a Tracer,
-    /// Polygons of the portals.
-    polygons: Vec<Polygon<'a>>,
     border: Border,
+    /// Prisms within reach of the border, with their cells, in the order of the model.
+    prisms: Vec<(u32, &'a Prism)>,
+    /// Heights of their floors and ceilings, ascending.
+    levels: Vec<f64>,
+    /// Polygons of the portals within reach of the border.
+    polygons: Vec<Polygon<'a>>,
 }
 
 /// A column of rays through a border.
@@ -229,11 +226,69 @@ impl Column {
     }
 }
 
-impl BorderSearch<'_> {
+impl<'a> BorderSearch<'a> {
+    fn new(model: &'a PortalModel, tracer: &'a Tracer, border: Border) -> Self {
+        const REACH: f64 = REACH_M + CLEAR_M[0];
+        let corners =
+            [0.0, border.length].map(|s| [-REACH, REACH].map(|out| border.point(s, 0.0, out)));
+        let corners = corners.as_flattened();
+        let low = corners
+            .iter()
+            .copied()
+            .reduce(DVec3::min)
+            .unwrap_or_default();
+        let high = corners
+            .iter()
+            .copied()
+            .reduce(DVec3::max)
+            .unwrap_or_default();
+        let touches = |points: &mut dyn Iterator<Item = DVec2>| {
+            let bounds = points.fold(None, |bounds: Option<[DVec2; 2]>, p| {
+                let [min, max] = bounds.unwrap_or([p, p]);
+                Some([min.min(p), max.max(p)])
+            });
+            bounds.is_some_and(|[min, max]| max.cmpge(low.xz()).all() && min.cmple(high.xz()).all())
+        };
+        let cells = (0_u32..).zip(&model.cells);
+        let prisms: Vec<(u32, &Prism)> = cells
+            .flat_map(|(cell, it)| it.space.iter().map(move |prism| (cell, prism)))
+            .filter(|(_, prism)| touches(&mut prism.outline.iter().copied()))
+            .collect();
+        let mut levels: Vec<f64> = prisms
+            .iter()
+            .flat_map(|(_, prism)| [prism.floor_y, prism.ceiling_y])
+            .collect();
+        levels.sort_by(f64::total_cmp);
+        // Includes the portals of earlier borders, so that an opening is not found again from the
+        // neighbour's side.
+        let portals = model.portals.iter();
+        let polygons = portals
+            .filter(|portal| touches(&mut portal.polygon.iter().map(|p| p.xz())))
+            .filter_map(|portal| Polygon::new(&portal.polygon).ok())
+            .collect();
+        Self {
+            model,
+            tracer,
+            border,
+            prisms,
+            levels,
+            polygons,
+        }
+    }
+
+    /// Returns the cell that contains a point within reach of the border, as
+    /// [`PortalModel::cell_at`] does.
+    fn cell_at(&self, p: DVec3) -> Option<u32> {
+        let inside = self.prisms.iter().find(|(_, prism)| prism.contains(p));
+        inside.map_or(self.model.outside, |(cell, _)| Some(*cell))
+    }
+
     fn openings(&self) -> Vec<BorderOpening> {
-        let columns = grid_coordinates(0.0, self.border.length);
-        let rows = grid_coordinates(self.border.floor, self.border.ceiling);
-        let found: Vec<Option<Column>> = columns.iter().map(|&s| self.column(s, &rows)).collect();
+        let [columns, rows] = MAX_STEPS;
+        let columns = grid_coordinates(0.0, self.border.length, columns);
+        let rows = grid_coordinates(self.border.floor, self.border.ceiling, rows);
+        let trace = |&s: &f64| self.column(s, &rows);
+        let found: Vec<Option<Column>> = columns.par_iter().map(trace).collect();
         let mut openings = Vec::new();
         let mut first = 0;
         while first < columns.len() {
@@ -340,10 +395,16 @@ impl BorderSearch<'_> {
     fn column(&self, s: f64, rows: &[f64]) -> Option<Column> {
         let mut reached = Vec::new();
         let mut portal: Option<[usize; 2]> = None;
+        // The space beyond changes only at floors and ceilings.
+        let mut known = None;
         for (row, &y) in rows.iter().enumerate() {
-            let Some(beyond) = self.beyond(s, y) else {
-                continue;
+            let storey = self.levels.partition_point(|&level| level <= y);
+            let beyond = match known {
+                Some((same, beyond)) if same == storey => beyond,
+                _ => self.beyond(s, y),
             };
+            known = Some((storey, beyond));
+            let Some(beyond) = beyond else { continue };
             if self.is_in_portal(s, y) {
                 portal = Some([portal.map_or(row, |[first, _]| first), row]);
             } else if self.passes(s, y, beyond) {
@@ -378,7 +439,7 @@ impl BorderSearch<'_> {
     /// Returns the nearest other cell beyond the border, else the outside; `None` where the border
     /// is inside of its own cell or of one that takes precedence over it.
     fn beyond(&self, s: f64, y: f64) -> Option<SpaceBeyond> {
-        let cell_at = |out: f64| self.model.cell_at(self.border.point(s, y, out));
+        let cell_at = |out: f64| self.cell_at(self.border.point(s, y, out));
         let own = Some(self.border.cell);
         if cell_at(-STEP_M) != own || cell_at(STEP_M) == own {
             return None;
@@ -408,7 +469,7 @@ impl BorderSearch<'_> {
         let at = |out: f64| self.border.point(s, y, out);
         let clear = |cell: u32, from: f64, side: f64| {
             let mut distances = CLEAR_M.into_iter().map(|clear| from + side * clear);
-            distances.find(|&out| self.model.cell_at(at(out)) == Some(cell))
+            distances.find(|&out| self.cell_at(at(out)) == Some(cell))
         };
         let far = if self.model.is_outside(beyond.cell) {
             Some(REACH_M + CLEAR_M[0])
