@@ -1,31 +1,93 @@
 //! Triangulation of polygons.
 
 use glam::{DVec2, DVec3};
+use spade::handles::FixedVertexHandle;
+use spade::{
+    ConstrainedDelaunayTriangulation, InsertionError, Point2, Triangulation, mitigate_underflow,
+};
+use std::collections::{HashMap, HashSet};
 
-/// Triangulates a simple polygon (at least three corners, nearly planar). Triangles are indices
-/// into `corners` and keep the winding. Convex polygons become a fan about the first corner; others
-/// are cut ear by ear (Meisters 1975), so that a concave outline is covered exactly once. The rest
-/// of a polygon that intersects itself, when no ear is left, becomes a fan.
+/// Triangulates a polygon (at least three corners, nearly planar). Triangles are indices into
+/// `corners` and keep the winding. Convex polygons become a fan about the first corner; others are
+/// triangulated by Delaunay with their edges as constraints, so that a concave outline is covered
+/// exactly once. Outlines may touch themselves, as those of polygons with holes do; where they
+/// cross, the even-odd rule decides. A polygon without area becomes a fan, too.
 pub fn triangulate(corners: &[DVec3]) -> Vec<[usize; 3]> {
-    let mut remaining: Vec<usize> = (0..corners.len()).collect();
-    let mut triangles = Vec::with_capacity(corners.len().saturating_sub(2));
     if corners.len() > 3 {
         let flat = flatten(corners);
-        let convex = |i: usize| doubled_area(&flat, neighbours(&remaining, i)) >= 0.0;
-        if !(0..remaining.len()).all(convex) {
-            while remaining.len() > 3 {
-                let Some(ear) = (0..remaining.len()).find(|&i| is_ear(&flat, &remaining, i)) else {
-                    break;
-                };
-                triangles.push(neighbours(&remaining, ear));
-                remaining.remove(ear);
+        let count = flat.len();
+        let is_convex =
+            |i: usize| doubled_area(&flat, [i, (i + 1) % count, (i + 2) % count]) >= 0.0;
+        if !(0..count).all(is_convex) {
+            let triangles = delaunay(&flat).unwrap_or_default();
+            if !triangles.is_empty() {
+                return triangles;
             }
         }
     }
-    if let Some((&first, rest)) = remaining.split_first() {
-        triangles.extend(rest.windows(2).map(|edge| [first, edge[0], edge[1]]));
+    let last = corners.len().saturating_sub(1);
+    (1..last).map(|i| [0, i, i + 1]).collect()
+}
+
+type Delaunay = ConstrainedDelaunayTriangulation<Point2<f64>>;
+
+/// Triangulates an outline by the even-odd rule; counter-clockwise triangles.
+///
+/// # Errors
+/// If a coordinate is not finite.
+fn delaunay(outline: &[DVec2]) -> Result<Vec<[usize; 3]>, InsertionError> {
+    // Corners at the same place share a vertex.
+    let mut vertices = Vec::new();
+    let mut first_corners = Vec::new();
+    let mut known = HashMap::new();
+    let vertex_of_corner: Vec<usize> = (0..)
+        .zip(outline)
+        .map(|(corner, p)| {
+            let point = mitigate_underflow(Point2::new(p.x, p.y));
+            let place = [point.x, point.y].map(|c| (c + 0.0).to_bits());
+            *known.entry(place).or_insert_with(|| {
+                vertices.push(point);
+                first_corners.push(corner);
+                vertices.len() - 1
+            })
+        })
+        .collect();
+    let mut mesh = Delaunay::bulk_load_cdt(vertices, Vec::new())?;
+    // Undirected edges that the outline follows an odd number of times: the bridge to a hole is
+    // followed twice.
+    let mut borders = HashSet::new();
+    let next = vertex_of_corner.iter().cycle().skip(1);
+    for (&a, &b) in vertex_of_corner.iter().zip(next).filter(|(a, b)| a != b) {
+        let [a, b] = [a, b].map(FixedVertexHandle::from_index);
+        for edge in mesh.try_add_constraint(a, b) {
+            let edge = edge.as_undirected();
+            if !borders.remove(&edge) {
+                borders.insert(edge);
+            }
+        }
     }
-    triangles
+    // From the outer face inwards, each border changes the side.
+    let mut is_reached = vec![false; mesh.num_all_faces()];
+    let outer = mesh.outer_face();
+    is_reached[outer.index()] = true;
+    let mut edges: Vec<_> = mesh.convex_hull().map(|edge| (edge.rev(), false)).collect();
+    let mut triangles = Vec::new();
+    while let Some((edge, is_inside)) = edges.pop() {
+        // The edge belongs to the face on its near side; the face beyond is entered.
+        let face = edge.face();
+        if std::mem::replace(&mut is_reached[face.index()], true) {
+            continue;
+        }
+        let is_inside = is_inside != borders.contains(&edge.as_undirected().fix());
+        let Some(face) = face.as_inner() else {
+            continue;
+        };
+        if is_inside {
+            triangles.push(face.vertices().map(|vertex| first_corners[vertex.index()]));
+        }
+        edges.extend(face.adjacent_edges().map(|edge| (edge.rev(), is_inside)));
+    }
+    Ok(triangles)
 }
 
 /// Projects the polygon onto its own plane (Newell's normal), counter-clockwise, scaled to about 1.
@@ -52,32 +114,9 @@ fn flatten(corners: &[DVec3]) -> Vec<DVec2> {
         .collect()
 }
 
-/// Returns corner `i` of the remaining polygon between its two neighbours.
-fn neighbours(remaining: &[usize], i: usize) -> [usize; 3] {
-    let count = remaining.len();
-    [
-        remaining[(i + count - 1) % count],
-        remaining[i],
-        remaining[(i + 1) % count],
-    ]
-}
-
 /// Returns twice the signed area: positive for a left turn.
 fn doubled_area(flat: &[DVec2], [a, b, c]: [usize; 3]) -> f64 {
     (flat[b] - flat[a]).perp_dot(flat[c] - flat[a])
-}
-
-/// Returns true if a corner turns left and its triangle contains no other remaining corner.
-fn is_ear(flat: &[DVec2], remaining: &[usize], i: usize) -> bool {
-    let [a, b, c] = neighbours(remaining, i);
-    let outside = |p: usize| {
-        let same_place = [a, b, c].iter().any(|&corner| flat[corner] == flat[p]);
-        same_place
-            || doubled_area(flat, [a, b, p]) < 0.0
-            || doubled_area(flat, [b, c, p]) < 0.0
-            || doubled_area(flat, [c, a, p]) < 0.0
-    };
-    doubled_area(flat, [a, b, c]) > 0.0 && remaining.iter().all(|&p| outside(p))
 }
 
 #[cfg(test)]
@@ -133,10 +172,48 @@ mod tests {
     }
 
     #[test]
+    fn hole_with_bridge_stays_open() {
+        let outline = [
+            (0.0, 0.0),
+            (3.0, 0.0),
+            (3.0, 3.0),
+            (0.0, 3.0),
+            (0.0, 0.0),
+            (1.0, 1.0),
+            (1.0, 2.0),
+            (2.0, 2.0),
+            (2.0, 1.0),
+            (1.0, 1.0),
+        ];
+        let corners = outline.map(|(x, y)| dvec3(x, y, 0.0));
+        assert!((area(&corners, &triangulate(&corners), DVec3::Z) - 8.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn star_of_many_corners_is_covered_once() {
+        let count = 5000;
+        let corner = |i: usize| {
+            let (sin, cos) = (std::f64::consts::TAU * i as f64 / count as f64).sin_cos();
+            let radius = if i.is_multiple_of(2) { 1.0 } else { 1.3 };
+            dvec3(cos * radius, sin * radius, 0.0)
+        };
+        let corners: Vec<DVec3> = (0..count).map(corner).collect();
+        let triangles = triangulate(&corners);
+        assert_eq!(triangles.len(), count - 2);
+        let sine = (std::f64::consts::TAU / count as f64).sin();
+        let expected = count as f64 * 1.3 * sine / 2.0;
+        assert!((area(&corners, &triangles, DVec3::Z) - expected).abs() < 1e-9);
+    }
+
+    #[test]
     fn invalid_polygon_terminates() {
         let crossing = [(0.0, 0.0), (1.0, 1.0), (1.0, 0.0), (0.0, 1.0), (0.5, 2.0)]
             .map(|(x, y)| dvec3(x, y, 0.0));
-        assert_eq!(triangulate(&crossing).len(), 3);
+        assert_eq!(
+            triangulate(&crossing).len(),
+            2,
+            "even-odd, without the crossing's triangle"
+        );
         assert_eq!(triangulate(&[DVec3::NAN; 6]).len(), 4);
         assert_eq!(triangulate(&[DVec3::ONE; 5]).len(), 3);
     }
