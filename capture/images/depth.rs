@@ -2,7 +2,7 @@
 
 use super::ImagesError;
 use super::exr_layer::ExrLayer;
-use exr::prelude::{Image, SpecificChannels, WritableImage};
+use exr::prelude::{Encoding, Image, LineOrder, SpecificChannels, WritableImage};
 use headbox_core::depth_kind::DepthKind;
 use headbox_core::files::write_whole;
 use headbox_core::image::codec::{self, MAX_PIXELS};
@@ -34,7 +34,13 @@ pub fn write_depth_exr(depth: &DepthPicture, path: &Path) -> io::Result<()> {
     let channels = SpecificChannels::build()
         .with_channel("Z")
         .with_pixel_fn(|pixel: exr::math::Vec2<usize>| (value(pixel.x(), pixel.y()),));
-    let image = Image::from_channels((width, depth.height as usize), channels);
+    // Blocks in a fixed order, so that the bytes do not depend on threads.
+    let encoding = Encoding {
+        line_order: LineOrder::Increasing,
+        ..Encoding::FAST_LOSSLESS
+    };
+    let size = (width, depth.height as usize);
+    let image = Image::from_encoded_channels(size, encoding, channels);
     write_whole(path, |writer| {
         image.write().to_buffered(writer).map_err(io::Error::other)
     })
@@ -192,7 +198,8 @@ fn read_integers(
     let bad = |cause: String| ImagesError::invalid_picture(path, cause);
     let image =
         codec::read(path, 2 * MAX_PIXELS).map_err(|error| ImagesError::picture(path, error))?;
-    let values: Vec<u16> = match &image {
+    // A file that is cut short is noted when the set is opened.
+    let values: Vec<u16> = match &image.image {
         image::DynamicImage::ImageLuma8(grey) if format.eight_bits => {
             grey.as_raw().iter().map(|&v| u16::from(v)).collect()
         }
@@ -210,6 +217,7 @@ fn read_integers(
             let channel =
                 channel.ok_or_else(|| bad(format!("has no channel {name}, only R, G, B and A")))?;
             image
+                .image
                 .to_rgba16()
                 .pixels()
                 .map(|pixel| pixel.0[channel])
@@ -232,8 +240,8 @@ fn read_integers(
     };
     let values = values.into_iter().map(value).collect();
     Ok(DepthPicture {
-        width: image.width(),
-        height: image.height(),
+        width: image.image.width(),
+        height: image.image.height(),
         values,
     })
 }

@@ -285,6 +285,7 @@ fn parse(bytes: &[u8]) -> Result<DeepImage, FieldError> {
     let mut counts = vec![0u32; width * height];
     // Packed samples of each row, and their unpacked length.
     let mut rows: Vec<(&[u8], u64)> = vec![(&[], 0); height];
+    let mut is_listed = vec![false; height];
     let mut total = 0u64;
     for start in table {
         let mut chunk = Cursor {
@@ -298,6 +299,10 @@ fn parse(bytes: &[u8]) -> Result<DeepImage, FieldError> {
                 "a scanline's number",
                 format!("is {y}, outside the data window"),
             ));
+        }
+        if std::mem::replace(&mut is_listed[row], true) {
+            let cause = format!("lists scanline {y} twice, so that another is missing");
+            return Err(field_error("the table of scanlines", cause));
         }
         let field = format!("scanline {y}");
         let packed: [u64; 3] = [chunk.u64(&field)?, chunk.u64(&field)?, chunk.u64(&field)?];

@@ -102,6 +102,21 @@ fn damaged_file_never_panics() {
 }
 
 #[test]
+fn table_with_repeated_row_refused() {
+    let bytes = random_image(5, [20, 6])
+        .to_bytes(DeepCompression::None)
+        .expect("is whole");
+    let table = Header::read(&bytes).expect("reads").end;
+    let mut damaged = bytes;
+    damaged.copy_within(table..table + 8, table + 8);
+    let (field, cause) = parse(&damaged).expect_err("a row is missing");
+    assert!(
+        field.contains("table") && cause.contains("twice"),
+        "{field} {cause}"
+    );
+}
+
+#[test]
 fn inconsistent_counts_not_written() {
     let mut image = random_image(7, [5, 5]);
     image.channels[1].values.pop();

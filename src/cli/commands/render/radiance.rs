@@ -1,7 +1,7 @@
 //! Linear radiance as OpenEXR pictures.
 
 use crate::output::{cannot_write, has_extension};
-use exr::prelude::{Image, SpecificChannels, WritableImage};
+use exr::prelude::{Encoding, Image, LineOrder, SpecificChannels, WritableImage};
 use headbox_core::files::write_whole;
 use std::path::Path;
 
@@ -24,7 +24,13 @@ pub(crate) fn save_radiance(
             .unwrap_or_default();
         (r, g, b)
     };
-    let picture = Image::from_channels((width, height), SpecificChannels::rgb(pixel));
+    // Blocks in a fixed order, so that the bytes do not depend on threads.
+    let encoding = Encoding {
+        line_order: LineOrder::Increasing,
+        ..Encoding::FAST_LOSSLESS
+    };
+    let channels = SpecificChannels::rgb(pixel);
+    let picture = Image::from_encoded_channels((width, height), encoding, channels);
     write_whole(path, |writer| {
         picture
             .write()
