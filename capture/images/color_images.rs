@@ -116,8 +116,8 @@ fn from_shares(shares: [f32; 4]) -> [u8; 4] {
 /// [`ImagesError`] that names the file.
 pub(super) fn read_size(path: &Path) -> Result<[u32; 2], ImagesError> {
     if extension(path) == "exr" {
-        let meta = MetaData::read_from_file(path, false)
-            .map_err(|error| ImagesError::picture(path, error.into()))?;
+        let meta = codec::read_exr(|| MetaData::read_from_file(path, false))
+            .map_err(|error| ImagesError::picture(path, error))?;
         let size = meta.headers.first().map(|header| header.layer_size);
         return size
             .map(|size| [size.x() as u32, size.y() as u32])
@@ -133,7 +133,8 @@ pub(super) fn read_size(path: &Path) -> Result<[u32; 2], ImagesError> {
 fn read_integers(path: &Path) -> Result<ColorPicture, ImagesError> {
     let decoded =
         codec::read(path, 8 * MAX_PIXELS).map_err(|error| ImagesError::picture(path, error))?;
-    let picture = decoded.into_rgba8();
+    // A file that is cut short is noted when the set is opened.
+    let picture = decoded.image.into_rgba8();
     let (width, height) = picture.dimensions();
     let pixels = picture.pixels().map(|pixel| pixel.0).collect();
     Ok((width, height, pixels))
@@ -145,13 +146,15 @@ fn read_exr(path: &Path) -> Result<ColorPicture, ImagesError> {
         let cause = format!("has more than {MAX_PIXELS} pixels");
         return Err(ImagesError::invalid_picture(path, cause));
     }
-    let image = exr::prelude::read_first_rgba_layer_from_file(
-        path,
-        |size, _| (size.x(), vec![[0u8; 4]; size.x() * size.y()]),
-        |(stride, pixels), pixel, (r, g, b, a): (f32, f32, f32, f32)| {
-            pixels[pixel.y() * *stride + pixel.x()] = from_linear([r, g, b, a]);
-        },
-    );
-    let image = image.map_err(|error| ImagesError::picture(path, error.into()))?;
+    let image = codec::read_exr(|| {
+        exr::prelude::read_first_rgba_layer_from_file(
+            path,
+            |size, _| (size.x(), vec![[0u8; 4]; size.x() * size.y()]),
+            |(stride, pixels), pixel, (r, g, b, a): (f32, f32, f32, f32)| {
+                pixels[pixel.y() * *stride + pixel.x()] = from_linear([r, g, b, a]);
+            },
+        )
+    });
+    let image = image.map_err(|error| ImagesError::picture(path, error))?;
     Ok((width, height, image.layer_data.channel_data.pixels.1))
 }

@@ -4,7 +4,7 @@ use super::ImagesError;
 use exr::image::{AnyChannel, FlatSamples};
 use exr::meta::MetaData;
 use exr::prelude::{ReadChannels, ReadLayers, read};
-use headbox_core::image::codec::MAX_PIXELS;
+use headbox_core::image::codec::{self, MAX_PIXELS};
 use std::path::Path;
 
 /// Number of pixels from which decoding one image on several threads is worth it; smaller images
@@ -24,8 +24,8 @@ impl ExrLayer {
     /// # Errors
     /// [`ImagesError`] that names the file.
     pub(super) fn read(path: &Path) -> Result<Self, ImagesError> {
-        let failed = |error: exr::error::Error| ImagesError::picture(path, error.into());
-        let meta = MetaData::read_from_file(path, false).map_err(failed)?;
+        let failed = |error| ImagesError::picture(path, error);
+        let meta = codec::read_exr(|| MetaData::read_from_file(path, false)).map_err(failed)?;
         let pixels = meta
             .headers
             .iter()
@@ -47,7 +47,8 @@ impl ExrLayer {
         } else {
             reader
         };
-        let layer = reader.from_file(path).map_err(failed)?.layer_data;
+        let image = codec::read_exr(|| reader.from_file(path)).map_err(failed)?;
+        let layer = image.layer_data;
         let size = layer.size;
         Ok(Self {
             width: size.x() as u32,

@@ -55,7 +55,7 @@ pub use view::{LoadedView, MAX_DEPTH_M, View};
 
 use glam::{DMat3, DVec3};
 use headbox_core::file_frame::FileFrame;
-use headbox_core::image::codec::PictureError;
+use headbox_core::image::codec::{self, PictureError};
 use headbox_core::statistics::median;
 use std::path::{Path, PathBuf};
 
@@ -195,6 +195,7 @@ impl ImageSet {
     pub fn open(path: &Path, options: &ImageSetOptions) -> Result<Self, ImagesError> {
         let mut set = Self::read(path, options)?;
         set.drop_missing()?;
+        set.note_cut_images();
         dense_depth::attach(&mut set)?;
         Ok(set)
     }
@@ -223,6 +224,24 @@ impl ImageSet {
             first.display()
         ));
         Ok(())
+    }
+
+    /// Notes images that are cut short: decoders pass over that.
+    fn note_cut_images(&mut self) {
+        let is_cut = |view: &&View| {
+            let mut files = vec![&view.color];
+            files.extend(view.depth.as_ref().map(|depth| &depth.path));
+            files.into_iter().any(|file| codec::is_file_cut_short(file))
+        };
+        let cut: Vec<&View> = self.views.iter().filter(is_cut).collect();
+        if let Some(first) = cut.first() {
+            self.notes.push(format!(
+                "{} of {} images are cut short, such as {}; their last rows are missing",
+                cut.len(),
+                self.views.len(),
+                first.color.display()
+            ));
+        }
     }
 
     /// Reads the set without estimated depth.

@@ -14,7 +14,7 @@ use crate::load::extension_of;
 use exr::meta::MetaData;
 use glam::Vec3;
 use headbox_core::color::luminance;
-use headbox_core::image::codec::{self, MAX_PIXELS, PictureError};
+use headbox_core::image::codec::{self, MAX_PIXELS};
 use std::f32::consts::{PI, TAU};
 use std::fmt;
 use std::hash::{DefaultHasher, Hasher};
@@ -387,6 +387,7 @@ type Texels = ([u32; 2], Vec<[f32; 3]>);
 fn read_hdr(path: &Path) -> Result<Texels, String> {
     let picture = codec::read(path, codec::MAX_BYTES)
         .map_err(|error| error.to_string())?
+        .image
         .into_rgb32f();
     let (width, height) = picture.dimensions();
     Ok((
@@ -396,8 +397,8 @@ fn read_hdr(path: &Path) -> Result<Texels, String> {
 }
 
 fn read_exr(path: &Path) -> Result<Texels, String> {
-    let meta = MetaData::read_from_file(path, false)
-        .map_err(|error| PictureError::from(error).to_string())?;
+    let meta = codec::read_exr(|| MetaData::read_from_file(path, false))
+        .map_err(|error| error.to_string())?;
     let size = meta
         .headers
         .first()
@@ -410,14 +411,16 @@ fn read_exr(path: &Path) -> Result<Texels, String> {
             size.y()
         ));
     }
-    let image = exr::prelude::read_first_rgba_layer_from_file(
-        path,
-        |size, _| (size.x(), vec![[0f32; 3]; size.x() * size.y()]),
-        |(stride, texels), at, (r, g, b, _): (f32, f32, f32, f32)| {
-            texels[at.y() * *stride + at.x()] = [r, g, b];
-        },
-    );
-    let image = image.map_err(|error| PictureError::from(error).to_string())?;
+    let image = codec::read_exr(|| {
+        exr::prelude::read_first_rgba_layer_from_file(
+            path,
+            |size, _| (size.x(), vec![[0f32; 3]; size.x() * size.y()]),
+            |(stride, texels), at, (r, g, b, _): (f32, f32, f32, f32)| {
+                texels[at.y() * *stride + at.x()] = [r, g, b];
+            },
+        )
+    });
+    let image = image.map_err(|error| error.to_string())?;
     Ok((
         [size.x() as u32, size.y() as u32],
         image.layer_data.channel_data.pixels.1,

@@ -11,6 +11,11 @@ macro_rules! print {
     ($($text:tt)*) => { $crate::output::print_text(format_args!($($text)*)) };
 }
 
+/// `eprintln!` with control characters escaped.
+macro_rules! eprintln {
+    ($($text:tt)*) => { $crate::output::print_error_text(format_args!("{}\n", format_args!($($text)*))) };
+}
+
 /// Returns a [`UsageError`] with a formatted message.
 macro_rules! bail_usage {
     ($($text:tt)*) => { return Err($crate::messages::UsageError(format!($($text)*)).into()) };
@@ -28,7 +33,7 @@ mod progress;
 mod setting_flags;
 
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
-use headbox_core::simd;
+use headbox_core::{panics, simd};
 use messages::UsageError;
 use std::ffi::OsString;
 use std::process::ExitCode;
@@ -38,8 +43,8 @@ use std::process::ExitCode;
 #[derive(Parser)]
 #[command(name = "headbox", version, arg_required_else_help = true)]
 struct Cli {
-    /// Number of threads, 1 to 1024; all cores by default
-    #[arg(long, global = true, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    /// Number of threads, at most eight for each core; one for each core by default
+    #[arg(long, global = true, value_parser = clap::value_parser!(u16).range(1..))]
     threads: Option<u16>,
     #[command(subcommand)]
     command: Command,
@@ -115,6 +120,30 @@ pub fn run_command(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
     }
 }
 
+/// Refuses numbers of threads that only cost memory: each has its stack and its buffers.
+fn check_threads(threads: u16) -> anyhow::Result<()> {
+    const MOST_PER_CORE: usize = 8;
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let most = MOST_PER_CORE * cores;
+    if usize::from(threads) > most {
+        bail_usage!(
+            "--threads {threads}: more than {MOST_PER_CORE} for each of {cores} cores would only \
+             take memory; give 1 to {most}"
+        );
+    }
+    Ok(())
+}
+
+/// Prints no panic that becomes the error of a file.
+fn hide_caught_panics() {
+    let default = std::panic::take_hook();
+    std::panic::set_hook(Box::new(move |panic| {
+        if !panics::is_caught() {
+            default(panic);
+        }
+    }));
+}
+
 /// Builds the command line with its examples.
 fn command_line() -> clap::Command {
     help::with_examples(Cli::command())
@@ -122,8 +151,10 @@ fn command_line() -> clap::Command {
 
 fn run(cli: Cli) -> anyhow::Result<()> {
     interrupt::handle()?;
+    hide_caught_panics();
     simd::requested().map_err(|error| UsageError(error.to_string()))?;
     if let Some(threads) = cli.threads {
+        check_threads(threads)?;
         rayon::ThreadPoolBuilder::new()
             .num_threads(threads.into())
             .build_global()?;

@@ -1,5 +1,6 @@
 //! Texts of messages: errors with their causes, counts, quoted file names.
 
+use std::borrow::Cow;
 use std::path::Path;
 
 /// Wrong usage, as opposed to a failure of the work: exit code 2.
@@ -21,10 +22,35 @@ pub(super) fn one_line(error: &anyhow::Error) -> String {
     }
     // An empty file name is shown as ''.
     if line.starts_with(": ") {
-        format!("''{line}")
-    } else {
-        line
+        line.insert_str(0, "''");
     }
+    join_lines(&line)
+}
+
+/// Escapes line breaks, which the name of a file can contain.
+pub(super) fn join_lines(text: &str) -> String {
+    text.replace('\n', "\\n")
+}
+
+/// Escapes characters that control a terminal or reverse the direction of text, except line breaks
+/// and tabs, as `\u001b`: this is also their escape in JSON strings.
+pub(super) fn escape_controls(text: &str) -> Cow<'_, str> {
+    let is_harmful = |c: char| {
+        let is_direction = matches!(c, '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}');
+        is_direction || c.is_control() && !matches!(c, '\n' | '\t')
+    };
+    if !text.contains(is_harmful) {
+        return text.into();
+    }
+    let mut escaped = String::with_capacity(text.len() + 16);
+    for c in text.chars() {
+        if is_harmful(c) {
+            escaped += &format!("\\u{:04x}", u32::from(c));
+        } else {
+            escaped.push(c);
+        }
+    }
+    escaped.into()
 }
 
 /// Formats a count: `1 file`, `2 files`.
@@ -69,6 +95,16 @@ mod tests {
             [format_count(0_u32, "file"), format_count(1_u32, "file")],
             ["0 files", "1 file"]
         );
+    }
+
+    #[test]
+    fn control_characters_are_escaped() {
+        assert_eq!(
+            escape_controls("a\x1b[31m\u{9b}b\u{202e}\tc\r\nd"),
+            "a\\u001b[31m\\u009bb\\u202e\tc\\u000d\nd"
+        );
+        assert!(matches!(escape_controls("m² \n"), Cow::Borrowed(_)));
+        assert_eq!(join_lines("a\nb"), "a\\nb");
     }
 
     #[test]

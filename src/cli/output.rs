@@ -1,6 +1,6 @@
 //! Standard output, output files, and the memory used by the process.
 
-use super::messages::UsageError;
+use super::messages::{UsageError, escape_controls, join_lines};
 use headbox_core::files;
 use headbox_core::image::codec;
 use headbox_export::film;
@@ -19,14 +19,15 @@ pub(super) fn print_json(value: &serde_json::Value) {
     println!("{value:#}");
 }
 
-/// Prints on standard output. Ends the program if that fails: quietly if the reader has closed the
-/// pipe, as `head` does, else with an error message.
+/// Prints on standard output, with control characters escaped. Ends the program if that fails:
+/// quietly if the reader has closed the pipe, as `head` does, else with an error message.
 pub(super) fn print_text(text: std::fmt::Arguments<'_>) {
     if STDOUT_IS_OUTPUT.load(Ordering::Relaxed) {
-        eprint!("{text}");
+        print_error_text(text);
         return;
     }
-    if let Err(error) = std::io::stdout().write_fmt(text) {
+    let text = text.to_string();
+    if let Err(error) = std::io::stdout().write_all(escape_controls(&text).as_bytes()) {
         if error.kind() == std::io::ErrorKind::BrokenPipe {
             std::process::exit(0);
         }
@@ -35,18 +36,30 @@ pub(super) fn print_text(text: std::fmt::Arguments<'_>) {
     }
 }
 
+/// Prints on standard error, with control characters escaped. A closed standard error is ignored.
+pub(super) fn print_error_text(text: std::fmt::Arguments<'_>) {
+    let text = text.to_string();
+    let _ = std::io::stderr().write_all(escape_controls(&text).as_bytes());
+}
+
 /// Prints notes on standard error, one line each.
 pub(super) fn print_notes(notes: impl IntoIterator<Item: Display>) {
     for note in notes {
-        eprintln!("note: {note}");
+        eprintln!("note: {}", join_lines(&note.to_string()));
     }
 }
 
 /// Prints warnings on standard error, one line each.
 pub(super) fn print_warnings(warnings: impl IntoIterator<Item: Display>) {
     for warning in warnings {
-        eprintln!("warning: {warning}");
+        eprintln!("warning: {}", join_lines(&warning.to_string()));
     }
+}
+
+/// Warns of an image file that is cut short.
+pub(super) fn print_damage(path: &Path, image: &codec::Decoded) {
+    let damage = image.damage.as_ref();
+    print_warnings(damage.map(|damage| format!("{}: {damage}", path.display())));
 }
 
 /// Peak and current resident memory of this process in bytes, if the system reports it (Linux).

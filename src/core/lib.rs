@@ -46,6 +46,7 @@ pub mod light_parameters;
 pub mod lru;
 pub mod metrics;
 pub mod named_variants;
+pub mod panics;
 pub mod progress;
 pub mod random;
 pub mod simd;

@@ -15,7 +15,7 @@ mod xml;
 
 use crate::{Finding, PortalModel};
 use headbox_core::container::HOMES;
-use headbox_scene::load::{LoadError, LoadOptions, extension_of, load};
+use headbox_scene::load::{LoadError, LoadOptions, catch_panics, extension_of, load};
 use headbox_scene::scene::Scene;
 use std::path::Path;
 
@@ -117,11 +117,11 @@ pub fn load_scene(path: &Path, options: &LoadOptions) -> Result<Scene, LoadError
 /// # Errors
 /// See [`LoadError`].
 pub fn load_model(path: &Path, options: &ModelOptions) -> Result<LoadedModel, LoadError> {
-    match extension_of(path).as_str() {
+    catch_panics(path, || match extension_of(path).as_str() {
         "xml" | "sh3d" => sweethome::load(path, options),
         "toml" => toml::load(path),
         _ => Err(LoadError::UnknownModel {
             path: path.to_path_buf(),
         }),
-    }
+    })
 }

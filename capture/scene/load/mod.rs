@@ -21,6 +21,7 @@ pub use gltf::HEADBOX_HALF_SIZE;
 
 use crate::scene::{Scene, SceneError};
 use headbox_core::file_frame::{FileFrame, UpAxis};
+use headbox_core::panics;
 use std::path::{Path, PathBuf};
 
 /// Up axis and unit of a scene file, if the user specifies them.
@@ -167,7 +168,22 @@ fn load_file(path: &Path, options: &LoadOptions, groups: bool) -> Result<Grouped
             });
         }
     };
-    loader(path, &read(path)?, options, groups)
+    let bytes = read(path)?;
+    catch_panics(path, || loader(path, &bytes, options, groups))
+}
+
+/// Calls a loader. A panic in it, or in a parser that it calls, becomes [`LoadError::Malformed`].
+///
+/// # Errors
+/// Those of `load`.
+pub fn catch_panics<T>(
+    path: &Path,
+    load: impl FnOnce() -> Result<T, LoadError>,
+) -> Result<T, LoadError> {
+    panics::catch(load).unwrap_or_else(|panic| {
+        let cause = format!("its parser failed: {panic}");
+        Err(LoadError::malformed(path, cause))
+    })
 }
 
 /// Returns the extension of a path in lower case, or an empty string.

@@ -11,6 +11,7 @@ pub(super) enum Note {
     MaterialUndefined,
     MaterialLineUnread,
     TextureUnreadable,
+    TextureDamaged,
     TextureRenamed,
     TextureTransformIgnored,
     AmbientTakenAsLight,
@@ -52,6 +53,7 @@ impl Note {
                 ["unrecognised MTL line", "unrecognised MTL lines", "skipped"]
             }
             Self::TextureUnreadable => ["texture", "textures", "could not be read"],
+            Self::TextureDamaged => ["texture", "textures", "damaged"],
             Self::TextureRenamed => [
                 "texture",
                 "textures",

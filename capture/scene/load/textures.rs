@@ -6,6 +6,7 @@ use headbox_core::color::srgb8_from_linear;
 use headbox_core::image::codec;
 use image::DynamicImage;
 use rayon::prelude::*;
+use std::borrow::Cow;
 use std::collections::HashMap;
 use std::fs;
 use std::path::{Component, Path, PathBuf};
@@ -117,7 +118,11 @@ impl TextureTable {
         let mut result = DecodedTextures::default();
         for (request, decoded) in self.requests.iter().zip(decoded) {
             result.slots.push(match decoded {
-                Ok(texture) => {
+                Ok((texture, damage)) => {
+                    if let Some(damage) = damage {
+                        let name = request.file_name();
+                        notes.add_named(Note::TextureDamaged, format!("{name} ({damage})"));
+                    }
                     let alphas = texture.texels().iter().map(|texel| texel[3]);
                     let (least_alpha, greatest_alpha) =
                         alphas.fold((255, 0), |(l, g), a| (l.min(a), g.max(a)));
@@ -130,10 +135,7 @@ impl TextureTable {
                     })
                 }
                 Err(cause) => {
-                    let file_name = Path::new(&request.name)
-                        .file_name()
-                        .map(|name| name.to_string_lossy());
-                    let name = file_name.unwrap_or(request.name.as_str().into());
+                    let name = request.file_name();
                     notes.add_named(Note::TextureUnreadable, format!("{name} ({cause})"));
                     None
                 }
@@ -159,19 +161,26 @@ impl DecodedTextures {
 }
 
 impl Request {
-    fn decode(&self) -> Result<Texture, String> {
+    fn file_name(&self) -> Cow<'_, str> {
+        let file_name = Path::new(&self.name).file_name();
+        file_name.map_or(self.name.as_str().into(), |name| name.to_string_lossy())
+    }
+
+    /// Decodes the texture; also returns the damage of a file that is cut short.
+    fn decode(&self) -> Result<(Texture, Option<String>), String> {
         let image = match &self.source {
             Source::Absent(cause) => return Err(cause.clone()),
             Source::Bytes(bytes) => codec::decode(bytes, None, codec::MAX_BYTES),
             Source::File(path) => codec::read(path, codec::MAX_BYTES),
         };
-        let image = image.map_err(|error| error.to_string())?;
+        let codec::Decoded { image, damage } = image.map_err(|error| error.to_string())?;
         let (width, height) = (image.width(), image.height());
         let texels = match self.role {
             Role::Color => srgb_texels(&image),
             Role::Mask => mask_texels(&image),
         };
-        Texture::new(width, height, texels).ok_or_else(|| "it has no pixels".into())
+        let texture = Texture::new(width, height, texels).ok_or("it has no pixels")?;
+        Ok((texture, damage))
     }
 }
 

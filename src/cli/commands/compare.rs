@@ -1,6 +1,6 @@
 //! `headbox compare`.
 
-use crate::output::{Outputs, PICTURE, print_json, save_picture};
+use crate::output::{Outputs, PICTURE, print_damage, print_json, save_picture};
 use anyhow::Context;
 use clap::Args;
 use headbox_core::image::codec;
@@ -24,7 +24,8 @@ pub(crate) struct CompareCommand {
 fn open(path: &Path) -> anyhow::Result<image::RgbImage> {
     let image = codec::read(path, codec::MAX_BYTES)
         .with_context(|| format!("{} could not be read as an image", path.display()))?;
-    Ok(image.to_rgb8())
+    print_damage(path, &image);
+    Ok(image.image.to_rgb8())
 }
 
 impl CompareCommand {

@@ -1,12 +1,16 @@
 //! Decoding and encoding of image files in memory. Only this module calls the codecs: they are
 //! generic over their source and would be compiled again for each.
+//!
+//! A decoder that panics on a malformed file is a defect of its crate, but no reason to end the
+//! program: [`decode`] turns the panic into [`PictureError::Malformed`].
 
+use crate::panics;
 use ::image::codecs::png::PngEncoder;
 use ::image::{
     DynamicImage, ExtendedColorType, ImageDecoder, ImageEncoder, ImageError, ImageFormat,
     ImageReader, Limits,
 };
-use std::io::Cursor;
+use std::io::{Cursor, Read, Seek, SeekFrom};
 use std::path::Path;
 
 /// Largest number of pixels of an image; larger ones are refused before their pixels are decoded.
@@ -29,6 +33,9 @@ pub enum PictureError {
     /// EXR decoder error.
     #[error("not a readable EXR file: {0}")]
     Exr(#[source] exr::error::Error),
+    /// A file that its decoder cannot handle.
+    #[error("malformed: {0}")]
+    Malformed(String),
     /// Too many pixels.
     #[error("{width}x{height} pixels, more than {MAX_PIXELS} in all")]
     TooLarge {
@@ -48,11 +55,20 @@ impl From<exr::error::Error> for PictureError {
     }
 }
 
+/// A decoded image.
+#[derive(Debug)]
+pub struct Decoded {
+    /// Pixels; those that the file lacks have any colour.
+    pub image: DynamicImage,
+    /// Missing part of a file that is cut short, such as "rows 40 to 95 are missing".
+    pub damage: Option<String>,
+}
+
 /// Reads an image file of any supported format; its decoder may allocate `most_bytes`.
 ///
 /// # Errors
 /// [`PictureError`].
-pub fn read(path: &Path, most_bytes: u64) -> Result<DynamicImage, PictureError> {
+pub fn read(path: &Path, most_bytes: u64) -> Result<Decoded, PictureError> {
     decode(&std::fs::read(path)?, Some(path), most_bytes)
 }
 
@@ -73,25 +89,136 @@ pub fn bits_per_channel(path: &Path) -> Result<u16, PictureError> {
 ///
 /// # Errors
 /// [`PictureError`].
-pub fn decode(
+pub fn decode(bytes: &[u8], name: Option<&Path>, most_bytes: u64) -> Result<Decoded, PictureError> {
+    if let Some(length) = png_palette_length(bytes).filter(|length| length % 3 != 0) {
+        let cause = format!("the palette has {length} bytes, not three for each colour");
+        return Err(PictureError::Malformed(cause));
+    }
+    let image = decode_pixels(bytes, name, most_bytes)?;
+    let damage = is_cut_short(bytes).then(|| describe_damage(&image, bytes, name, most_bytes));
+    Ok(Decoded { image, damage })
+}
+
+/// Calls a function of the EXR decoder.
+///
+/// # Errors
+/// [`PictureError`].
+pub fn read_exr<T>(read: impl FnOnce() -> exr::error::Result<T>) -> Result<T, PictureError> {
+    Ok(panics::catch(read).map_err(PictureError::Malformed)??)
+}
+
+fn decode_pixels(
     bytes: &[u8],
     name: Option<&Path>,
     most_bytes: u64,
 ) -> Result<DynamicImage, PictureError> {
-    let mut reader = ImageReader::new(Cursor::new(bytes));
-    if let Some(format) = name.and_then(|name| ImageFormat::from_path(name).ok()) {
-        reader.set_format(format);
+    let decode = || {
+        let mut reader = ImageReader::new(Cursor::new(bytes));
+        if let Some(format) = name.and_then(|name| ImageFormat::from_path(name).ok()) {
+            reader.set_format(format);
+        }
+        let mut reader = reader.with_guessed_format()?;
+        let mut limits = Limits::default();
+        limits.max_alloc = Some(most_bytes);
+        reader.limits(limits);
+        let decoder = reader.into_decoder()?;
+        let (width, height) = decoder.dimensions();
+        if u64::from(width) * u64::from(height) > MAX_PIXELS {
+            return Err(PictureError::TooLarge { width, height });
+        }
+        Ok(DynamicImage::from_decoder(decoder)?)
+    };
+    panics::catch(decode).unwrap_or_else(|panic| Err(PictureError::Malformed(panic)))
+}
+
+/// Chunks of a PNG file: kind and length.
+fn png_chunks(bytes: &[u8]) -> impl Iterator<Item = ([u8; 4], usize)> + '_ {
+    let mut rest = bytes.strip_prefix(b"\x89PNG\r\n\x1a\n").unwrap_or(&[]);
+    std::iter::from_fn(move || {
+        let (length, after) = rest.split_first_chunk::<4>()?;
+        let kind = *after.first_chunk::<4>()?;
+        let length = u32::from_be_bytes(*length) as usize;
+        // Length, kind and checksum have four bytes each.
+        rest = rest.get(length.saturating_add(12)..).unwrap_or(&[]);
+        Some((kind, length))
+    })
+}
+
+fn png_palette_length(bytes: &[u8]) -> Option<usize> {
+    png_chunks(bytes).find_map(|(kind, length)| (kind == *b"PLTE").then_some(length))
+}
+
+/// Returns true if a JPEG or PNG file lacks its end. Decoders pass over that.
+#[must_use]
+pub fn is_cut_short(bytes: &[u8]) -> bool {
+    if bytes.starts_with(b"\x89PNG") {
+        return !png_chunks(bytes).any(|(kind, _)| kind == *b"IEND");
     }
-    let mut reader = reader.with_guessed_format()?;
-    let mut limits = Limits::default();
-    limits.max_alloc = Some(most_bytes);
-    reader.limits(limits);
-    let decoder = reader.into_decoder()?;
-    let (width, height) = decoder.dimensions();
-    if u64::from(width) * u64::from(height) > MAX_PIXELS {
-        return Err(PictureError::TooLarge { width, height });
+    let Some(mut rest) = bytes.strip_prefix(b"\xff\xd8") else {
+        return false;
+    };
+    // Segments up to the first scan; those before it may hold whole JPEG files as thumbnails.
+    while let [0xff, kind, high, low, ..] = *rest {
+        match kind {
+            0xff => rest = &rest[1..],
+            0xda => break,
+            _ => {
+                let length = usize::from(u16::from_be_bytes([high, low]));
+                rest = rest.get(2 + length..).unwrap_or(&[]);
+            }
+        }
     }
-    Ok(DynamicImage::from_decoder(decoder)?)
+    !rest.windows(2).any(|pair| pair == b"\xff\xd9")
+}
+
+/// Returns true if a JPEG or PNG file lacks its end. Reads the last bytes of the file, and all of
+/// it only if they do not show its end. A file that cannot be read is not cut short.
+#[must_use]
+pub fn is_file_cut_short(path: &Path) -> bool {
+    const TAIL: u64 = 4096;
+    let ending = path.extension().map(|ending| ending.to_ascii_lowercase());
+    let Some(ending) = ending.and_then(|ending| ending.into_string().ok()) else {
+        return false;
+    };
+    let mark: &[u8] = match &*ending {
+        "jpg" | "jpeg" => b"\xff\xd9",
+        "png" => b"IEND",
+        _ => return false,
+    };
+    let has_end = || -> std::io::Result<bool> {
+        let mut file = std::fs::File::open(path)?;
+        let length = file.metadata()?.len();
+        file.seek(SeekFrom::Start(length.saturating_sub(TAIL)))?;
+        let mut tail = Vec::new();
+        file.take(TAIL).read_to_end(&mut tail)?;
+        Ok(tail.windows(mark.len()).any(|bytes| bytes == mark)
+            || !is_cut_short(&std::fs::read(path)?))
+    };
+    !has_end().unwrap_or(true)
+}
+
+/// Describes the rows that a file that is cut short lacks: those that depend on what comes after
+/// its end.
+fn describe_damage(
+    image: &DynamicImage,
+    bytes: &[u8],
+    name: Option<&Path>,
+    most_bytes: u64,
+) -> String {
+    let with_filler = [bytes, &[0x55; 4096]].concat();
+    let other = decode_pixels(&with_filler, name, most_bytes);
+    let row_bytes = image.as_bytes().len() / (image.height() as usize).max(1);
+    let first_difference = other.ok().and_then(|other| {
+        let mut pairs = image.as_bytes().iter().zip(other.as_bytes());
+        pairs.position(|(a, b)| a != b)
+    });
+    match first_difference {
+        Some(position) => {
+            let (first, last) = (position / row_bytes.max(1), image.height() - 1);
+            format!("cut short: rows {first} to {last} are missing")
+        }
+        None => "cut short".into(),
+    }
 }
 
 /// Encodes pixels, row by row in the layout of `kind`, as a PNG file.
@@ -125,6 +252,7 @@ mod tests {
         assert_eq!(
             decode(&file, None, MAX_BYTES)
                 .expect("a picture")
+                .image
                 .to_rgba8()
                 .into_raw(),
             pixels
@@ -155,6 +283,47 @@ mod tests {
             decode(&file, None, MAX_BYTES),
             Err(PictureError::TooLarge { width: 65_536, .. })
         ));
+    }
+
+    #[test]
+    fn palette_of_four_bytes_is_refused() {
+        let mut file = png(&[0; 4], 1, 1, ExtendedColorType::Rgba8).expect("fits");
+        let palette = b"\0\0\0\x04PLTE\0\0\0\0";
+        let checksum = crc32(&palette[4..]).to_be_bytes();
+        file.splice(33..33, [&palette[..], &checksum].concat());
+        let error = decode(&file, None, MAX_BYTES).expect_err("is malformed");
+        assert!(error.to_string().contains("4 bytes"), "{error}");
+    }
+
+    #[test]
+    fn cut_jpeg_is_reported_with_its_rows() {
+        let pixels: Vec<u8> = (0..64 * 64 * 3).map(|i| (i * i / 7) as u8).collect();
+        let mut file = Vec::new();
+        ::image::codecs::jpeg::JpegEncoder::new(&mut file)
+            .write_image(&pixels, 64, 64, ExtendedColorType::Rgb8)
+            .expect("fits");
+        let whole = decode(&file, None, MAX_BYTES).expect("a picture");
+        assert_eq!(whole.damage, None);
+        let cut = decode(&file[..file.len() * 3 / 4], None, MAX_BYTES).expect("a picture");
+        let damage = cut.damage.expect("is reported");
+        let first: usize = damage
+            .split(' ')
+            .find_map(|word| word.parse().ok())
+            .expect("a row");
+        assert!((24..=56).contains(&first), "{damage}");
+        let row = 64 * 3;
+        assert_eq!(
+            cut.image.as_bytes()[..first * row],
+            whole.image.as_bytes()[..first * row]
+        );
+    }
+
+    #[test]
+    fn png_without_end_is_reported() {
+        let file = png(&[0; 4], 1, 1, ExtendedColorType::Rgba8).expect("fits");
+        let cut = decode(&file[..file.len() - 12], None, MAX_BYTES).expect("a picture");
+        assert_eq!(cut.damage.as_deref(), Some("cut short"));
+        assert_eq!(decode(&file, None, MAX_BYTES).expect("whole").damage, None);
     }
 
     fn crc32(bytes: &[u8]) -> u32 {

@@ -10,9 +10,9 @@ use crate::thread::exchange::{
 use crate::thread::slot::{Next, Wait};
 use egui::ColorImage;
 use headbox_core::camera::Camera;
+use headbox_core::panics;
 use headbox_core::view::{FrameRequest, Refinement, SettingValues};
 use std::{
-    any::Any,
     panic::{AssertUnwindSafe, catch_unwind},
     sync::{Arc, mpsc},
     time::{Duration, Instant},
@@ -425,13 +425,7 @@ fn catch_panic<T>(call: impl FnOnce() -> T) -> Result<T, String> {
     // Unwind safety: the caller drops a source that panicked, so its inconsistent state is not used
     // again; a library holds no frame state.
     catch_unwind(AssertUnwindSafe(call)).map_err(|panic| {
-        let text = panic_text(&*panic);
+        let text = panics::message(&*panic);
         format!("The renderer stopped because of an error in the program: {text}")
     })
-}
-
-fn panic_text(panic: &(dyn Any + Send)) -> &str {
-    let text = panic.downcast_ref::<String>().map(String::as_str);
-    text.or_else(|| panic.downcast_ref::<&str>().copied())
-        .unwrap_or("no details")
 }

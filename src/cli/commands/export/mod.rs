@@ -118,7 +118,8 @@ impl ExportCommand {
         };
         let view = (representation.open)(&self.file)?;
         let (count, primitive) = view.primitives();
-        let mut report = json!({"output": self.output, primitive.replace(' ', "_"): count});
+        let mut report =
+            json!({"output": self.output.to_string_lossy(), primitive.replace(' ', "_"): count});
         let summary = self.write(&*view, exporter)?;
         print_warnings(&summary.warnings);
         for (name, value) in summary.figures {

@@ -88,7 +88,8 @@ impl HouseCommand {
             .transpose()?
             .unwrap_or_default();
         let mut report = survey.to_json();
-        report["plans"] = json!(plans);
+        let names = plans.iter().map(|path| path.to_string_lossy());
+        report["plans"] = names.collect();
         if !self.json {
             survey.print();
         }

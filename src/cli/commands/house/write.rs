@@ -64,15 +64,19 @@ fn parse_poses(text: &str) -> Result<usize, String> {
 /// The files that `headbox house` wrote.
 #[derive(Debug, Serialize)]
 pub(super) struct WrittenFiles {
-    walk: Option<PathBuf>,
+    walk: Option<String>,
     #[serde(flatten)]
     house: Option<WrittenHouse>,
+}
+
+fn name_of(path: &Path) -> String {
+    path.to_string_lossy().into_owned()
 }
 
 /// A `.house` file that was written.
 #[derive(Debug, Serialize)]
 struct WrittenHouse {
-    output: PathBuf,
+    output: String,
     /// Size of the file; `None` if it was streamed.
     bytes: Option<u64>,
     captures: usize,
@@ -153,7 +157,7 @@ impl HouseFileArgs {
             self.write_walk(&made.house, path)?;
         }
         let mut written = WrittenFiles {
-            walk: self.walk.clone(),
+            walk: self.walk.as_deref().map(name_of),
             house: None,
         };
         if let Some(path) = &self.output {
@@ -162,7 +166,7 @@ impl HouseFileArgs {
                 .ok()
                 .filter(std::fs::Metadata::is_file);
             written.house = Some(WrittenHouse {
-                output: path.clone(),
+                output: name_of(path),
                 bytes: file.map(|file| file.len()),
                 captures: made.captures,
                 requested: made.requested,
@@ -197,10 +201,10 @@ impl HouseFileArgs {
     /// Prints the result of [`Self::write`].
     pub(super) fn print(&self, written: &WrittenFiles) {
         if let Some(path) = &written.walk {
-            println!("{}: a walk of {} poses", path.display(), self.poses);
+            println!("{path}: a walk of {} poses", self.poses);
         }
         let Some(house) = &written.house else { return };
-        let output = house.output.display();
+        let output = &house.output;
         let captures = house.captures;
         let size = house.bytes.map_or(String::new(), |bytes| {
             format!(", {:.1} MB", bytes as f64 / 1e6)

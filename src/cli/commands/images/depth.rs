@@ -205,7 +205,7 @@ impl Outcome {
             })
         });
         json!({
-            "folder": folder, "views": views, "share": agreement.estimated_share(), "seconds": seconds, "known": known,
+            "folder": folder.to_string_lossy(), "views": views, "share": agreement.estimated_share(), "seconds": seconds, "known": known,
         })
     }
 }

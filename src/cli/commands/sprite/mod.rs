@@ -10,7 +10,9 @@ use crate::args::{
 };
 use crate::commands::sprite::sequence::SequenceArgs;
 use crate::messages::UsageError;
-use crate::output::{Outputs, SPRITES, has_extension, peak_rss_mb, print_json, write_text};
+use crate::output::{
+    Outputs, SPRITES, has_extension, peak_rss_mb, print_damage, print_json, write_text,
+};
 use crate::progress::Bar;
 use anyhow::{Context, bail};
 use clap::Args;
@@ -285,8 +287,9 @@ impl SpriteCommand {
         };
         let color = codec::read(color_path, codec::MAX_BYTES);
         let color = color
-            .with_context(|| format!("{} could not be read as an image", color_path.display()))?
-            .to_rgba8();
+            .with_context(|| format!("{} could not be read as an image", color_path.display()))?;
+        print_damage(color_path, &color);
+        let color = color.image.to_rgba8();
         let depth = DepthPicture::read(depth_path, self.import.unit(depth_path, kind))?;
         let size = color.dimensions();
         if (depth.width, depth.height) != size {

@@ -4,7 +4,7 @@ use crate::args::refuse_misplaced;
 use crate::commands::report::images::{SheetWriter, write_report};
 use crate::image_set::SetArgs;
 use crate::messages::UsageError;
-use crate::output::has_extension;
+use crate::output::{has_extension, print_damage};
 use crate::progress::Bar;
 use anyhow::{Context, bail};
 use clap::Args;
@@ -122,8 +122,9 @@ fn read_masks(folder: &Path) -> anyhow::Result<Vec<Mask>> {
         let picture = codec::read(&path, codec::MAX_BYTES);
         let picture =
             picture.with_context(|| format!("{} could not be read as an image", path.display()))?;
+        print_damage(&path, &picture);
         Ok(Mask {
-            picture: picture.to_luma8(),
+            picture: picture.image.to_luma8(),
             path,
         })
     };
