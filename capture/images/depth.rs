@@ -198,7 +198,6 @@ fn read_integers(
     let bad = |cause: String| ImagesError::invalid_picture(path, cause);
     let image =
         codec::read(path, 2 * MAX_PIXELS).map_err(|error| ImagesError::picture(path, error))?;
-    // A file that is cut short is noted when the set is opened.
     let values: Vec<u16> = match &image.image {
         image::DynamicImage::ImageLuma8(grey) if format.eight_bits => {
             grey.as_raw().iter().map(|&v| u16::from(v)).collect()

@@ -228,11 +228,7 @@ impl ImageSet {
 
     /// Notes images that are cut short: decoders pass over that.
     fn note_cut_images(&mut self) {
-        let is_cut = |view: &&View| {
-            let mut files = vec![&view.color];
-            files.extend(view.depth.as_ref().map(|depth| &depth.path));
-            files.into_iter().any(|file| codec::is_file_cut_short(file))
-        };
+        let is_cut = |view: &&View| codec::is_file_cut_short(&view.color);
         let cut: Vec<&View> = self.views.iter().filter(is_cut).collect();
         if let Some(first) = cut.first() {
             self.notes.push(format!(

@@ -22,7 +22,7 @@ use headbox_core::progress::Progress;
 use headbox_cube::model::samples::CubeSamples;
 use headbox_cube::pack::{CubeLdi, SplatIndexLayout, Split};
 use headbox_cube::render::{RenderSettings, Renderer};
-use headbox_images::dense_depth::DenseDepth;
+use headbox_images::dense_depth::{DenseDepth, DenseDepthError};
 use headbox_images::{ImageSet, ImagesError, LoadedView, View};
 use headbox_ldi::from_images::ImageSetCapture;
 use headbox_photos::view_geometry::{
@@ -64,6 +64,9 @@ pub struct PhotographsReport {
     pub hold_out: usize,
     /// Rows for each photograph and variant.
     pub rows: Vec<HeldOutRow>,
+    /// Names of the photographs without which no depth was found: they have no rows of the variants
+    /// with depth.
+    pub without_depth: Vec<String>,
 }
 
 /// Measures a set: every `hold_out`-th photograph is left out, one at a time. `show` receives its
@@ -86,7 +89,7 @@ pub fn measure(
         });
     }
     let focus = set.focus();
-    let mut rows = Vec::new();
+    let (mut rows, mut without_depth) = (Vec::new(), Vec::new());
     let hold_out = hold_out.clamp(1, set.views.len());
     for view in set.views.iter().skip(hold_out / 2).step_by(hold_out) {
         let held = view.load()?;
@@ -112,9 +115,13 @@ pub fn measure(
             };
             frames.push(draw_cube(|| job.run(set, &others, progress), 0.0, &camera)?);
         }
-        frames.extend(draw_with_estimated_depth(
-            set, &others, centres, &camera, progress,
-        )?);
+        match draw_with_estimated_depth(set, &others, centres, &camera, progress) {
+            Ok(drawn) => frames.extend(drawn),
+            Err(HoldOutError::Depth(DenseDepthError::NothingFound(_))) => {
+                without_depth.push(view.name.clone());
+            }
+            Err(error) => return Err(error),
+        }
         let dark = job.dark(std::slice::from_ref(&held));
         let is_object =
             |pixel: &Rgb<u8>| dark.is_none_or(|dark| pixel.0.iter().any(|level| *level > dark));
@@ -152,6 +159,7 @@ pub fn measure(
         commit: commit(),
         hold_out,
         rows,
+        without_depth,
     })
 }
 
@@ -280,11 +288,17 @@ impl PhotographsReport {
             ];
             table.row([&[variant.into()][..], &rows.errors(), &costs].concat());
         }
+        let without_depth = if self.without_depth.is_empty() {
+            String::new()
+        } else {
+            let names = self.without_depth.join(", ");
+            format!("\nNo depth was found without {names}.\n")
+        };
         format!(
             "# Photographs left out of a set\n\n{} photographs left out, one at a time, and shown by the nearest other one on a plane, \
              by layered depth images that the others are coloured into about its own camera and about the nearest one's, and by depth that is found \
-             from the others: warped into such cubes, and by view-dependent geometry.\nCommit {}, {}, {} threads, {}.\n\n{table}",
-            self.rows.len() / VARIANTS.len(),
+             from the others: warped into such cubes, and by view-dependent geometry.\nCommit {}, {}, {} threads, {}.\n\n{table}{without_depth}",
+            VariantRows::new(&self.rows, VARIANTS[0]).count(),
             self.commit,
             self.machine.processor,
             self.machine.threads,
