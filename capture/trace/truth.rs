@@ -274,7 +274,8 @@ impl PixelTracer<'_> {
     /// Returns the radiance along a ray, for light sample `index` of a half: each half has a
     /// stratified sequence of its own, independent of the other's.
     fn ray_radiance(&self, ray: &Ray, hit: Option<&Hit>, half: u32, index: u32) -> Vec3 {
-        let [stream, ..] = random4([self.x, self.y, 0x11d1, half]);
+        let first = Self::FIRST[half as usize];
+        let [stream, ..] = random4([self.x, self.y, 0x11d1, first]);
         let sample = LightSample { stream, index };
         self.lighting
             .seen(self.tracer, ray, hit, self.lit.then_some(&sample))
