@@ -140,9 +140,9 @@ pub fn fitting_half_size(half_size_m: f64, rays_per_pixel: f64) -> f64 {
 }
 
 /// Suggests a headbox at the eyes of a person standing on a floor, at the best of some seeded
-/// positions, anywhere and near detail, by clearance and view; without room to stand, at a free position in the lower part of
-/// the scene's bounding box; without one (a statue, a tree, a house without ground), in front of
-/// the scene.
+/// positions, anywhere and near detail, by clearance and view; without room to stand, at a free
+/// position in the lower part of the scene's bounding box; without one (a statue, a tree, a house
+/// without ground), in front of the scene.
 pub fn suggest_headbox(tracer: &Tracer) -> Headbox {
     let centre = standing_place(tracer)
         .or_else(|| free_place(tracer))

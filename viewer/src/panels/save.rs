@@ -9,7 +9,7 @@ use egui::{Button, Context, Key, Label, RichText, ScrollArea, TextEdit, Ui, vec2
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// What is to be saved.
+/// File that waits for its name.
 pub(crate) struct PendingSave {
     pub title: &'static str,
     /// Start of the proposed name.

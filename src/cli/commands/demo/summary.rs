@@ -59,8 +59,8 @@ impl Summary {
         text
     }
 
-    /// What a visitor remembers: frame rate and error of the farthest eye, and the time that a ray
-    /// tracer needs for that frame.
+    /// Formats the closing sentence: frame rate and error of the farthest eye, and the time that a
+    /// ray tracer needs for that frame.
     pub(super) fn sentence(&self, row: &Row) -> String {
         let Machine {
             processor, threads, ..
