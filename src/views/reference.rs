@@ -54,6 +54,7 @@ impl LitScene {
             Lighting::unmetered(&tracer, bounces)
         };
         lighting.exposure = info.exposure;
+        lighting.tone = info.tone;
         Ok(Self {
             tracer,
             lighting: Arc::new(lighting),

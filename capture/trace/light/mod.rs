@@ -259,8 +259,9 @@ impl Lighting {
     }
 
     /// Creates lighting whose light is traced along complete paths: [measured](Self::measure_at) at
-    /// `place` and [guided](Self::guided) if `lit`; otherwise surfaces are as bright as their
-    /// textures (an exposure of 1, shifted by the stops that the scene specifies).
+    /// `place` and [guided](Self::guided) if `lit`; otherwise surfaces have the colours of their
+    /// textures (an exposure of 1, shifted by the stops that the scene specifies, and
+    /// [`ToneMap::SrgbClipped`] in place of [`ToneMap::Neutral`]).
     pub fn prepare_paths(
         tracer: &Tracer,
         place: DVec3,
@@ -270,8 +271,13 @@ impl Lighting {
         if lit {
             return Self::measure_at(tracer, place, bounces).guided(tracer);
         }
+        let scene = tracer.scene();
         Self {
-            exposure: tracer.scene().exposure.factor(1.0),
+            exposure: scene.exposure.factor(1.0),
+            tone: match scene.tone {
+                ToneMap::Neutral => ToneMap::SrgbClipped, // without light there are no highlights
+                tone => tone,
+            },
             ..Self::unmetered(tracer, bounces)
         }
     }
