@@ -398,7 +398,7 @@ fn damaged_parts_are_left_out_and_counted() {
     let expected = [
         "8 damaged mesh parts or attributes left out",
         "1 skinned mesh with damaged joints or weights shown undeformed",
-        "1 node with several parents used only the first time",
+        "1 node reached more than once and used only the first time",
         "1 element without a surface (points, lines, curves) left out",
         "1 face with a vertex index out of range left out",
         "1 duplicate triangle kept",

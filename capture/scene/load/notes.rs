@@ -104,7 +104,7 @@ impl Note {
             Self::NodeCycle => [
                 "node",
                 "nodes",
-                "with several parents used only the first time",
+                "reached more than once and used only the first time",
             ],
             Self::NonTriangles => [
                 "element",
