@@ -172,6 +172,24 @@ fn unlit_exposure_is_specified_stops() {
 }
 
 #[test]
+fn only_lit_scenes_have_compressed_highlights() {
+    let tone = |lit: bool, specified: ToneMap| {
+        let scene = Scene {
+            tone: specified,
+            ..Scene::clone(random_triangles().scene())
+        };
+        let tracer = Tracer::new(Arc::new(scene), DVec3::ZERO);
+        Lighting::prepare(&tracer, DVec3::ZERO, 0, lit).tone
+    };
+    assert_eq!(tone(false, ToneMap::Neutral), ToneMap::SrgbClipped);
+    assert_eq!(tone(true, ToneMap::Neutral), ToneMap::Neutral);
+    assert_eq!(
+        tone(false, ToneMap::SrgbCompressed),
+        ToneMap::SrgbCompressed
+    );
+}
+
+#[test]
 fn packet_sunlight_matches_single_rays() {
     let tracer = random_triangles();
     let lighting = Lighting::unmetered(&tracer, 0);
