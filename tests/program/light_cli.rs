@@ -435,3 +435,28 @@ fn truth_of_ldi_has_its_light_exposure_and_camera() {
         "{message}"
     );
 }
+
+#[test]
+fn unlit_frames_have_the_colors_of_the_file() {
+    let dir = tempfile::tempdir().unwrap();
+    let write = |name: &str, text: &str| std::fs::write(dir.path().join(name), text).unwrap();
+    write("red.mtl", "newmtl red\nKd 1 0 0\n");
+    write(
+        "red.obj",
+        "mtllib red.mtl\nusemtl red\nv -2 -2 0\nv 2 -2 0\nv 2 2 0\nv -2 2 0\nf 1 2 3 4\n",
+    );
+    let run = |command: &str| succeeds(dir.path(), &command.split(' ').collect::<Vec<_>>());
+    run(
+        "capture red.obj -o red.ldi --up y --unit m --light-samples 0 --face-size 32 --center 0,0,1 --half-size 0.1",
+    );
+    let camera = "--size 32x24 --eye 0,0,1 --look-at 0,0,0";
+    run(&format!(
+        "truth red.obj -o scene.png --up y --unit m --unlit --samples 4 {camera}"
+    ));
+    run(&format!("truth red.ldi -o truth.png --samples 4 {camera}"));
+    run(&format!("render red.ldi -o frame.png {camera}"));
+    for name in ["scene.png", "truth.png", "frame.png"] {
+        let image = image::open(dir.path().join(name)).unwrap().to_rgb8();
+        assert_eq!(image.get_pixel(16, 12).0, [255, 0, 0], "{name}");
+    }
+}
