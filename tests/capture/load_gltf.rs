@@ -332,18 +332,6 @@ fn errors_name_file_and_cause() {
     );
     for (extension, advice) in [
         (
-            "KHR_draco_mesh_compression",
-            "its meshes are compressed by the glTF extension KHR_draco_mesh_compression, which is not supported; export it without Draco compression",
-        ),
-        (
-            "EXT_meshopt_compression",
-            "export it without meshopt compression",
-        ),
-        (
-            "KHR_texture_basisu",
-            "export it with PNG, JPEG or WebP textures",
-        ),
-        (
             "EXT_texture_avif",
             "its textures have another format by the glTF extension EXT_texture_avif",
         ),

@@ -9,6 +9,7 @@ mod images;
 mod light;
 mod load_apartment;
 mod load_gltf;
+mod load_gltf_compressed;
 mod load_gltf_extensions;
 mod load_home;
 mod load_mutated;

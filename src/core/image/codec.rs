@@ -116,6 +116,10 @@ fn decode_pixels(
     name: Option<&Path>,
     most_bytes: u64,
 ) -> Result<DynamicImage, PictureError> {
+    if bytes.starts_with(super::ktx2::SIGNATURE) {
+        let decode = || super::ktx2::decode(bytes, most_bytes);
+        return panics::catch(decode).unwrap_or_else(|panic| Err(PictureError::Malformed(panic)));
+    }
     let decode = || {
         let mut reader = ImageReader::new(Cursor::new(bytes));
         if let Some(format) = name.and_then(|name| ImageFormat::from_path(name).ok()) {

@@ -2,6 +2,7 @@
 //! triangle covers.
 
 pub mod codec;
+mod ktx2;
 pub mod mip;
 pub mod texels;
 pub mod triangle_scan;

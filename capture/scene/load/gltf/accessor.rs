@@ -6,33 +6,46 @@
 
 use super::super::notes::{Note, Notes};
 use super::super::textures::find_file;
+use super::draco::{CompressedPrimitive, Values};
+use super::meshopt::CompressedView;
+use super::raw_json::{RawJson, RawPrimitive};
 use super::uri::UriTarget;
 use crate::load::gltf::uri;
 use gltf::json::accessor::{Accessor, ComponentType, Type};
 use gltf::json::validation::Checked;
 use gltf::json::{Index, Root, buffer};
+use rayon::prelude::*;
+use std::collections::BTreeMap;
 use std::path::Path;
 
 /// Maximum number of entries of an accessor without a buffer view (zeros, except for sparse
 /// values). Others cannot have more than their buffer holds.
 const MAX_ZEROS: usize = 1 << 24;
 
-/// Buffers of a file.
+/// Buffers of a file, decompressed.
 pub(super) struct Buffers<'a> {
     root: &'a Root,
     data: Vec<Option<Vec<u8>>>,
+    /// Bytes of compressed views.
+    decoded_views: BTreeMap<usize, Vec<u8>>,
+    /// Numbers of accessors whose bytes are in compressed primitives.
+    decoded_accessors: BTreeMap<usize, Values>,
 }
 
 impl<'a> Buffers<'a> {
     /// Reads the buffers; `blob` is the binary chunk of a GLB.
     pub(super) fn read(
         root: &'a Root,
+        raw: &RawJson,
         blob: Option<Vec<u8>>,
         folder: &Path,
         notes: &mut Notes,
     ) -> Self {
         let mut blob = blob;
         let mut read = |(index, buffer): (usize, &buffer::Buffer)| {
+            if raw.is_placeholder(index) {
+                return None;
+            }
             let (name, bytes) = match buffer.uri.as_deref() {
                 None => (
                     format!("buffer {index}"),
@@ -59,17 +72,97 @@ impl<'a> Buffers<'a> {
                 .ok()
         };
         let data = root.buffers.iter().enumerate().map(&mut read).collect();
-        Self { root, data }
+        let mut buffers = Self {
+            root,
+            data,
+            decoded_views: BTreeMap::new(),
+            decoded_accessors: BTreeMap::new(),
+        };
+        buffers.decode_views(raw, notes);
+        buffers.decode_primitives(raw, notes);
+        buffers
+    }
+
+    /// Decodes the compressed views.
+    fn decode_views(&mut self, raw: &RawJson, notes: &mut Notes) {
+        let compressed: Vec<_> = (0..self.root.buffer_views.len())
+            .filter_map(|index| Some((index, raw.compressed_view(index)?)))
+            .collect();
+        let decode = |&(index, view): &(usize, &CompressedView)| {
+            let data = self.data.get(view.buffer).and_then(Option::as_deref);
+            let bytes = data.and_then(|data| data.get(view.byte_offset..)?.get(..view.byte_length));
+            (index, bytes.and_then(|bytes| view.decode(bytes)))
+        };
+        let decoded: Vec<_> = compressed.par_iter().map(decode).collect();
+        for (index, bytes) in decoded {
+            match bytes {
+                Some(bytes) => {
+                    self.decoded_views.insert(index, bytes);
+                }
+                None => {
+                    let name =
+                        format!("buffer view {index} (its meshopt compression is malformed)");
+                    notes.add_named(Note::BufferUnreadable, name);
+                }
+            }
+        }
+    }
+
+    /// Decodes the compressed primitives whose accessors have no bytes of their own.
+    fn decode_primitives(&mut self, raw: &RawJson, notes: &mut Notes) {
+        let lacks_bytes = |&index: &usize| {
+            let accessor = self.root.accessors.get(index);
+            accessor.is_some_and(|accessor| accessor.buffer_view.is_none())
+        };
+        let compressed: Vec<_> = raw
+            .compressed_primitives()
+            .filter(|(primitive, _)| {
+                primitive
+                    .indices
+                    .iter()
+                    .chain(primitive.attributes.values())
+                    .any(lacks_bytes)
+            })
+            .collect();
+        let decode = |(_, compressed): &(&RawPrimitive, &CompressedPrimitive)| {
+            let view = self.view(Index::new(compressed.buffer_view));
+            match view {
+                Some((bytes, _)) => compressed.decode(bytes),
+                None => Err("its bytes are missing".into()),
+            }
+        };
+        let decoded: Vec<_> = compressed.par_iter().map(decode).collect();
+        for ((primitive, compressed), decoded) in compressed.into_iter().zip(decoded) {
+            match decoded {
+                Ok(mut decoded) => {
+                    let indices = primitive.indices.map(|index| (index, decoded.indices));
+                    let attributes = primitive.attributes.iter();
+                    let values = attributes.filter_map(|(name, &index)| {
+                        Some((index, decoded.attributes.remove(name)?))
+                    });
+                    self.decoded_accessors.extend(values.chain(indices));
+                }
+                Err(cause) => {
+                    let view = compressed.buffer_view;
+                    let name = format!("buffer view {view} (Draco: {cause})");
+                    notes.add_named(Note::BufferUnreadable, name);
+                }
+            }
+        }
     }
 
     /// Returns the bytes of a view, and its stride if it has one.
     pub(super) fn view(&self, index: Index<buffer::View>) -> Option<(&[u8], Option<usize>)> {
         let view = self.root.buffer_views.get(index.value())?;
+        let stride = view.byte_stride.map(|stride| stride.0);
+        if let Some(bytes) = self.decoded_views.get(&index.value()) {
+            return Some((bytes, stride));
+        }
         let data = self.data.get(view.buffer.value())?.as_deref()?;
         let start = usize::try_from(view.byte_offset.unwrap_or_default().0).ok()?;
         let length = usize::try_from(view.byte_length.0).ok()?;
         let bytes = data.get(start..start.checked_add(length)?)?;
-        Some((bytes, view.byte_stride.map(|stride| stride.0)))
+        Some((bytes, stride))
     }
 
     /// Returns true if an accessor has a buffer view, whose size limits the number of entries.
@@ -85,6 +178,19 @@ impl<'a> Buffers<'a> {
     pub(super) fn vectors<const N: usize>(&self, index: Index<Accessor>) -> Option<Vec<[f64; N]>> {
         let accessor = self.root.accessors.get(index.value())?;
         let layout = Layout::new(accessor)?;
+        if let Some(values) = self.decoded_accessors.get(&index.value()) {
+            if values.components < N {
+                return None;
+            }
+            let vector = |element: &[f64]| std::array::from_fn(|i| layout.scale(element[i]));
+            return Some(
+                values
+                    .numbers
+                    .chunks_exact(values.components)
+                    .map(vector)
+                    .collect(),
+            );
+        }
         let count = usize::try_from(accessor.count.0).ok()?;
         let mut values = match accessor.buffer_view {
             Some(view) => {
@@ -185,18 +291,27 @@ impl Layout {
     fn read_component(self, bytes: &[u8]) -> f64 {
         let two = || [bytes[0], bytes[1]];
         let four = || [bytes[0], bytes[1], bytes[2], bytes[3]];
-        let (value, greatest) = match self.component {
-            ComponentType::I8 => (f64::from(bytes[0].cast_signed()), 127.0),
-            ComponentType::U8 => (f64::from(bytes[0]), 255.0),
-            ComponentType::I16 => (f64::from(i16::from_le_bytes(two())), 32_767.0),
-            ComponentType::U16 => (f64::from(u16::from_le_bytes(two())), 65_535.0),
-            ComponentType::U32 => (f64::from(u32::from_le_bytes(four())), 4_294_967_295.0),
-            ComponentType::F32 => return f64::from(f32::from_le_bytes(four())),
+        self.scale(match self.component {
+            ComponentType::I8 => f64::from(bytes[0].cast_signed()),
+            ComponentType::U8 => f64::from(bytes[0]),
+            ComponentType::I16 => f64::from(i16::from_le_bytes(two())),
+            ComponentType::U16 => f64::from(u16::from_le_bytes(two())),
+            ComponentType::U32 => f64::from(u32::from_le_bytes(four())),
+            ComponentType::F32 => f64::from(f32::from_le_bytes(four())),
+        })
+    }
+
+    /// Maps a stored number to the range of a normalized accessor, and leaves others unchanged.
+    fn scale(self, value: f64) -> f64 {
+        let greatest = match self.component {
+            _ if !self.normalized => return value,
+            ComponentType::F32 => return value,
+            ComponentType::I8 => 127.0,
+            ComponentType::U8 => 255.0,
+            ComponentType::I16 => 32_767.0,
+            ComponentType::U16 => 65_535.0,
+            ComponentType::U32 => 4_294_967_295.0,
         };
-        if self.normalized {
-            (value / greatest).max(-1.0)
-        } else {
-            value
-        }
+        (value / greatest).max(-1.0)
     }
 }

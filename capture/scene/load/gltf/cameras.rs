@@ -33,7 +33,7 @@ pub(crate) fn read(path: &Path, bytes: &[u8], fps: f64) -> Result<Vec<GltfCamera
     let malformed = |cause: String| LoadError::malformed(path, cause);
     let (root, transforms, blob) = parse(path, bytes)?;
     let mut notes = Notes::default();
-    let buffers = Buffers::read(&root, blob, folder_of(path), &mut notes);
+    let buffers = Buffers::read(&root, &transforms, blob, folder_of(path), &mut notes);
     let rig = Rig::new(&root, transforms);
     let cameras: Vec<usize> = (0..root.nodes.len())
         .filter(|node| rig.lens(*node).is_some())

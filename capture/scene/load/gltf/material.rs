@@ -132,14 +132,18 @@ fn base_color(m: &gltf::json::Material) -> (Option<&texture::Info>, [f32; 4]) {
     }
 }
 
-/// Returns the image of a texture: that of an extension, else its own.
+/// Returns the image of a texture: its WebP image, else its own, else its KTX2 image.
 fn image_of_texture(root: &Root, raw: &RawJson, texture: usize) -> Option<usize> {
     let own = root.textures.get(texture)?.source.value();
-    Some(
-        raw.image_of_texture(texture)
-            .filter(|&image| image < root.images.len())
-            .unwrap_or(own),
-    )
+    let candidates = [
+        raw.image_of_texture(texture),
+        Some(own),
+        raw.ktx2_image_of_texture(texture),
+    ];
+    candidates
+        .into_iter()
+        .flatten()
+        .find(|&image| image < root.images.len())
 }
 
 fn request_texture(
@@ -155,11 +159,7 @@ fn request_texture(
     let index = image_of_texture(root, raw, texture);
     let Some((index, image)) = index.and_then(|index| Some((index, root.images.get(index)?)))
     else {
-        let cause = if raw.is_ktx2(texture) {
-            "KTX2 is not supported; export it as PNG, JPEG or WebP"
-        } else {
-            "it has no image in a known format"
-        };
+        let cause = "it has no image in a known format";
         return set.embedded(
             &format!("texture {texture}"),
             Err(cause.into()),

@@ -8,9 +8,11 @@
 mod accessor;
 mod attributes;
 pub(crate) mod cameras;
+mod draco;
 mod instances;
 mod lights;
 mod material;
+mod meshopt;
 mod pose;
 mod primitive;
 mod raw_json;
@@ -33,40 +35,29 @@ use raw_json::RawJson;
 use std::path::Path;
 
 /// Extensions that a file may require: they are read, or do not change diffuse surfaces.
-const KNOWN_EXTENSIONS: [&str; 5] = [
+const KNOWN_EXTENSIONS: [&str; 9] = [
     "KHR_texture_transform",
     "KHR_mesh_quantization",
     "KHR_lights_punctual",
     "EXT_texture_webp",
     "EXT_mesh_gpu_instancing",
+    "KHR_draco_mesh_compression",
+    "EXT_meshopt_compression",
+    "KHR_meshopt_compression",
+    "KHR_texture_basisu",
 ];
 
 /// Returns the message about a required extension that is not supported, with a remedy.
 fn unsupported_message(extension: &str) -> String {
-    let is = |words: &[&str]| words.iter().any(|word| extension.contains(word));
-    let (what, otherwise) = match extension {
-        _ if is(&["draco"]) => (
-            "its meshes are compressed",
-            "without Draco compression, which `gltf-transform copy` takes out",
-        ),
-        _ if is(&["meshopt"]) => (
-            "its meshes are compressed",
-            "without meshopt compression, which `gltf-transform copy` takes out",
-        ),
-        _ if is(&["texture_basisu"]) => (
-            "its textures are compressed for a GPU",
-            "with PNG, JPEG or WebP textures",
-        ),
-        _ if is(&["texture"]) => (
-            "its textures have another format",
-            "with PNG, JPEG or WebP textures",
-        ),
-        _ => ("it cannot be read without", "without it"),
+    let (what, otherwise) = if extension.contains("texture") {
+        (
+            "its textures have another format by",
+            "with PNG, JPEG, WebP or KTX2 textures",
+        )
+    } else {
+        ("it cannot be read without", "without it")
     };
-    let verb = if what.ends_with("without") { "" } else { " by" };
-    format!(
-        "{what}{verb} the glTF extension {extension}, which is not supported; export it {otherwise}"
-    )
+    format!("{what} the glTF extension {extension}, which is not supported; export it {otherwise}")
 }
 
 /// Prefix of extensions that change the appearance only.
@@ -95,7 +86,7 @@ pub(super) fn load(
             return Err(LoadError::malformed(path, unsupported_message(required)));
         }
     }
-    let buffers = Buffers::read(&root, blob, folder_of(path), &mut notes);
+    let buffers = Buffers::read(&root, &raw, blob, folder_of(path), &mut notes);
     let surfaces = GltfMaterials::read(&root, &raw, &buffers, path, &mut notes);
     let mut builder = Builder::new(frame, notes);
     push_nodes(&root, &raw, &buffers, &surfaces, &mut builder, groups)

@@ -1,21 +1,64 @@
 //! Parts of the JSON that the `gltf` crate does not keep: node transforms in `f64` (it uses `f32`,
 //! whose steps are a metre at 1e7 m) and further extensions.
 
+use super::draco::CompressedPrimitive;
 use super::instances::InstanceAttributes;
+use super::meshopt::CompressedView;
 use glam::{DAffine3, DMat4, DQuat, DVec3};
 use serde::Deserialize;
+use std::collections::BTreeMap;
 
 /// Name of the property, in a node's extras, with half of the headbox's edge: Blender exports
 /// custom properties of objects there.
 pub const HEADBOX_HALF_SIZE: &str = "headbox_half_size";
 
-/// Nodes and textures of the JSON of a file.
+/// Nodes, textures and compressed parts of the JSON of a file.
 #[derive(Default, Deserialize)]
+#[serde(rename_all = "camelCase")]
 pub(super) struct RawJson {
     #[serde(default)]
     nodes: Vec<NodeTransform>,
     #[serde(default)]
     textures: Vec<TextureSource>,
+    #[serde(default)]
+    buffer_views: Vec<RawView>,
+    #[serde(default)]
+    meshes: Vec<RawMesh>,
+}
+
+#[derive(Deserialize)]
+struct RawView {
+    buffer: usize,
+    #[serde(default)]
+    extensions: ViewExtensions,
+}
+
+#[derive(Default, Deserialize)]
+struct ViewExtensions {
+    #[serde(rename = "EXT_meshopt_compression", alias = "KHR_meshopt_compression")]
+    meshopt: Option<CompressedView>,
+}
+
+#[derive(Deserialize)]
+struct RawMesh {
+    #[serde(default)]
+    primitives: Vec<RawPrimitive>,
+}
+
+/// Accessors of a primitive, and its compressed form.
+#[derive(Deserialize)]
+pub(super) struct RawPrimitive {
+    pub(super) indices: Option<usize>,
+    #[serde(default)]
+    pub(super) attributes: BTreeMap<String, usize>,
+    #[serde(default)]
+    extensions: PrimitiveExtensions,
+}
+
+#[derive(Default, Deserialize)]
+struct PrimitiveExtensions {
+    #[serde(rename = "KHR_draco_mesh_compression")]
+    draco: Option<CompressedPrimitive>,
 }
 
 #[derive(Default, Deserialize)]
@@ -96,11 +139,33 @@ impl RawJson {
             .map(|webp| webp.source)
     }
 
-    /// Returns true if a texture has a KTX2 image, which is not supported.
-    pub(super) fn is_ktx2(&self, index: usize) -> bool {
-        self.textures
-            .get(index)
-            .is_some_and(|texture| texture.extensions.basis.is_some())
+    /// Returns the KTX2 image of a texture, which is used where it has no other.
+    pub(super) fn ktx2_image_of_texture(&self, index: usize) -> Option<usize> {
+        let basis = self.textures.get(index)?.extensions.basis.as_ref()?;
+        Some(basis.source)
+    }
+
+    /// Returns the compressed form of a buffer view, if it has one.
+    pub(super) fn compressed_view(&self, index: usize) -> Option<&CompressedView> {
+        self.buffer_views.get(index)?.extensions.meshopt.as_ref()
+    }
+
+    /// Returns true if all views of a buffer have a compressed form in another buffer.
+    pub(super) fn is_placeholder(&self, buffer: usize) -> bool {
+        let mut views = self
+            .buffer_views
+            .iter()
+            .filter(|view| view.buffer == buffer)
+            .peekable();
+        views.peek().is_some() && views.all(|view| view.extensions.meshopt.is_some())
+    }
+
+    /// Returns the primitives that have a compressed form.
+    pub(super) fn compressed_primitives(
+        &self,
+    ) -> impl Iterator<Item = (&RawPrimitive, &CompressedPrimitive)> {
+        let primitives = self.meshes.iter().flat_map(|mesh| &mesh.primitives);
+        primitives.filter_map(|primitive| Some((primitive, primitive.extensions.draco.as_ref()?)))
     }
 
     /// Returns the instances of a node's mesh, if it has some.
