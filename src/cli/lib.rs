@@ -33,7 +33,7 @@ mod progress;
 mod setting_flags;
 
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
-use headbox_core::{panics, simd};
+use headbox_core::{memory, panics, simd};
 use messages::UsageError;
 use std::ffi::OsString;
 use std::process::ExitCode;
@@ -46,6 +46,11 @@ struct Cli {
     /// Number of threads, at most eight for each core; one for each core by default
     #[arg(long, global = true, value_parser = clap::value_parser!(u16).range(1..))]
     threads: Option<u16>,
+    /// Memory limit, MiB: input files that need more are refused, and samples of captures beyond
+    /// it are spilled to a temporary file next to the output. By default files may need half of the
+    /// free memory, and captures all
+    #[arg(long, global = true, value_name = "MIB", value_parser = clap::value_parser!(u64).range(64..=1 << 24))]
+    memory: Option<u64>,
     #[command(subcommand)]
     command: Command,
 }
@@ -159,11 +164,14 @@ fn run(cli: Cli) -> anyhow::Result<()> {
             .num_threads(threads.into())
             .build_global()?;
     }
+    if let Some(mib) = cli.memory {
+        memory::set_limit(mib << 20);
+    }
     match cli.command {
         Command::Demo(command) => command.run(),
         Command::Scenes(command) => command.run(),
-        Command::Capture(command) => command.run(),
-        Command::Merge(command) => command.run(),
+        Command::Capture(command) => command.run(cli.memory),
+        Command::Merge(command) => command.run(cli.memory),
         Command::Sprite(command) => command.run(),
         Command::Lumigraph(command) => command.run(),
         Command::House(command) => command.run(),

@@ -3,6 +3,7 @@
 use super::messages::{UsageError, escape_controls, join_lines};
 use headbox_core::files;
 use headbox_core::image::codec;
+use headbox_core::memory;
 use headbox_export::film;
 use headbox_scene::scene::Scene;
 use image::codecs::jpeg::JpegEncoder;
@@ -62,19 +63,9 @@ pub(super) fn print_damage(path: &Path, image: &codec::Decoded) {
     print_warnings(damage.map(|damage| format!("{}: {damage}", path.display())));
 }
 
-/// Peak and current resident memory of this process in bytes, if the system reports it (Linux).
-pub(super) fn memory_bytes() -> Option<(u64, u64)> {
-    let status = std::fs::read_to_string("/proc/self/status").ok()?;
-    let field = |name: &str| {
-        let line = status.lines().find_map(|line| line.strip_prefix(name))?;
-        Some(line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()? * 1024)
-    };
-    Some((field("VmHWM:")?, field("VmRSS:")?))
-}
-
 /// Peak resident memory in MiB.
 pub(super) fn peak_rss_mb() -> Option<f64> {
-    memory_bytes().map(|(peak, _)| peak as f64 / 1_048_576.0)
+    memory::peak_and_resident().map(|[peak, _]| peak as f64 / 1_048_576.0)
 }
 
 /// A kind of output file, with the extensions that select its format.

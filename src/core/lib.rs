@@ -44,6 +44,7 @@ pub mod headbox;
 pub mod image;
 pub mod light_parameters;
 pub mod lru;
+pub mod memory;
 pub mod metrics;
 pub mod named_variants;
 pub mod panics;

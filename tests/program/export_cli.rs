@@ -112,12 +112,7 @@ fn deep_pixels_and_flat_layers_make_the_frame() {
     let below = pixels().map(|(x, y)| DeepImage::composite(&[&all], x, y + 5 * FACE_PX));
     let off = share_off(below, &frame);
     assert!(off < 0.05, "{off}");
-    for (flag, value) in [
-        ("--quality", "good"),
-        ("--memory", "100"),
-        ("--rays", "3"),
-        ("--exposure", "1"),
-    ] {
+    for (flag, value) in [("--quality", "good"), ("--rays", "3"), ("--exposure", "1")] {
         let said = format!("{flag} has no meaning for a deep picture; leave it out");
         fails(
             dir.path(),

@@ -14,6 +14,7 @@ pub use compress::DeepCompression;
 use glam::{DMat4, DVec3};
 use headbox_core::camera::Camera;
 use headbox_core::files;
+use headbox_core::memory;
 use header::{Cursor, Header};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
@@ -175,7 +176,7 @@ impl DeepImage {
     /// # Errors
     /// [`DeepExrError`] that names the file and the field.
     pub fn read(path: &Path) -> Result<Self, DeepExrError> {
-        let bytes = std::fs::read(path).map_err(|cause| DeepExrError::Io {
+        let bytes = memory::read_file(path).map_err(|cause| DeepExrError::Io {
             path: path.into(),
             cause,
         })?;
@@ -282,6 +283,11 @@ fn parse(bytes: &[u8]) -> Result<DeepImage, FieldError> {
         .map(|_| cursor.u64("the table of scanlines"))
         .collect::<Result<_, _>>()?;
     let sample_bytes: u64 = channels.iter().map(|(_, kind)| kind.bytes() as u64).sum();
+    let pixels = width as u64 * height as u64;
+    let reserve =
+        |bytes: u64| memory::reserve(bytes).map_err(|error| field_error("it", error.to_string()));
+    // Counts and offsets.
+    let _pixel_memory = reserve(8 * pixels)?;
     let mut counts = vec![0u32; width * height];
     // Packed samples of each row, and their unpacked length.
     let mut rows: Vec<(&[u8], u64)> = vec![(&[], 0); height];
@@ -340,6 +346,8 @@ fn parse(bytes: &[u8]) -> Result<DeepImage, FieldError> {
             .ok_or_else(|| field_error("the counts of samples", "add up to more than 2^32"))?;
         offsets.push(sum);
     }
+    // The values, and the samples of the cube LDI or the frame that they become.
+    let _sample_memory = reserve(u64::from(sum) * (4 * channels.len() as u64 + 16))?;
     let mut read: Vec<DeepChannel> = channels
         .iter()
         .map(|(name, kind)| DeepChannel {

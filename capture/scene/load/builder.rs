@@ -194,6 +194,9 @@ impl Builder {
         materials: Vec<Material>,
         textures: Vec<Texture>,
     ) -> Result<GroupedScene, LoadError> {
+        if let Some(cause) = self.notes.take_over_budget() {
+            return Err(LoadError::malformed(path, cause));
+        }
         self.end_group();
         self.scene.materials = materials;
         self.apply_hints();

@@ -21,7 +21,7 @@ pub use gltf::HEADBOX_HALF_SIZE;
 
 use crate::scene::{Scene, SceneError};
 use headbox_core::file_frame::{FileFrame, UpAxis};
-use headbox_core::panics;
+use headbox_core::{memory, panics};
 use std::path::{Path, PathBuf};
 
 /// Up axis and unit of a scene file, if the user specifies them.
@@ -198,7 +198,7 @@ pub fn extension_of(path: &Path) -> String {
 /// # Errors
 /// [`LoadError::Io`].
 pub fn read(path: &Path) -> Result<Vec<u8>, LoadError> {
-    std::fs::read(path).map_err(|cause| LoadError::Io {
+    memory::read_file(path).map_err(|cause| LoadError::Io {
         path: path.to_path_buf(),
         cause,
     })

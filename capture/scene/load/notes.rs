@@ -175,6 +175,8 @@ pub struct Notes {
     files: BTreeSet<PathBuf>,
     /// Complete sentences, which come first in the summary.
     pub(super) messages: Vec<String>,
+    /// Why the file cannot be loaded: what it needs is beyond the memory budget.
+    over_budget: Option<String>,
 }
 
 impl Notes {
@@ -203,6 +205,18 @@ impl Notes {
         entry.count += 1;
     }
 
+    /// Adds a part of the file that is beyond the memory budget: an error, because what is left out
+    /// would depend on the machine.
+    pub(super) fn add_over_budget(&mut self, name: &str, cause: &dyn std::fmt::Display) {
+        self.over_budget
+            .get_or_insert_with(|| format!("{name} {cause}"));
+    }
+
+    /// Takes the error of [`Self::add_over_budget`].
+    pub(super) fn take_over_budget(&mut self) -> Option<String> {
+        self.over_budget.take()
+    }
+
     /// Adds a file that was read.
     pub(super) fn add_file(&mut self, path: &Path) {
         self.files.insert(path.to_path_buf());
@@ -210,6 +224,7 @@ impl Notes {
 
     /// Adds the counts, names and files of `other`.
     pub(super) fn merge(&mut self, other: Self) {
+        self.over_budget = self.over_budget.take().or(other.over_budget);
         self.files.extend(other.files);
         for (note, entry) in other.entries {
             let own = self.entries.entry(note).or_default();

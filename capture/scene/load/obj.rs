@@ -29,7 +29,8 @@ use crate::scene::Vertex;
 use glam::{Affine2, DVec3, Vec2, Vec3};
 use headbox_core::color::linear_from_srgb;
 use headbox_core::file_frame::FileFrame;
-use std::collections::HashMap;
+use headbox_core::memory;
+use std::collections::{HashMap, HashSet};
 use std::path::Path;
 
 /// Least alpha that is not a hole; OBJ has no statement for it.
@@ -129,9 +130,18 @@ fn parse(text: &str, materials: &[MtlMaterial]) -> Result<Vec<tobj::Model>, tobj
     Ok(models)
 }
 
-/// Reads the material files. A `mtllib` has one file name, which may contain spaces, or several.
+/// Reads the material files, each once. A `mtllib` has one file name, which may contain spaces, or
+/// several. Of materials with the same name the last one counts, and so does the last mention of a
+/// file.
 fn read_libraries(libraries: &[String], folder: &Path, notes: &mut Notes) -> Vec<MtlMaterial> {
     let mut materials = Vec::new();
+    let mut seen = HashSet::new();
+    let mut libraries: Vec<&String> = libraries
+        .iter()
+        .rev()
+        .filter(|it| seen.insert(*it))
+        .collect();
+    libraries.reverse();
     for written in libraries {
         let names: Vec<&str> = match find_file(written, &[folder]) {
             Some(_) => vec![written],
@@ -139,9 +149,14 @@ fn read_libraries(libraries: &[String], folder: &Path, notes: &mut Notes) -> Vec
         };
         for name in names {
             let found = find_file(name, &[folder]).ok_or_else(|| "no such file".to_owned());
-            let read = found.and_then(|found| match std::fs::read(&found.path) {
+            let read = found.and_then(|found| match memory::read_file(&found.path) {
                 Ok(bytes) => Ok((found.path, bytes)),
-                Err(cause) => Err(cause.to_string()),
+                Err(cause) => {
+                    if cause.kind() == std::io::ErrorKind::OutOfMemory {
+                        notes.add_over_budget(name, &cause);
+                    }
+                    Err(cause.to_string())
+                }
             });
             match read {
                 Ok((path, bytes)) => {

@@ -3,7 +3,7 @@
 use super::notes::{Note, Notes};
 use crate::material::Texture;
 use headbox_core::color::srgb8_from_linear;
-use headbox_core::image::codec;
+use headbox_core::image::codec::{self, PictureError};
 use image::DynamicImage;
 use rayon::prelude::*;
 use std::borrow::Cow;
@@ -134,7 +134,11 @@ impl TextureTable {
                         greatest_alpha,
                     })
                 }
-                Err(cause) => {
+                Err(DecodeError::OverBudget(cause)) => {
+                    notes.add_over_budget(&request.file_name(), &cause);
+                    None
+                }
+                Err(DecodeError::Unreadable(cause)) => {
                     let name = request.file_name();
                     notes.add_named(Note::TextureUnreadable, format!("{name} ({cause})"));
                     None
@@ -160,6 +164,12 @@ impl DecodedTextures {
     }
 }
 
+/// Why a texture could not be decoded.
+enum DecodeError {
+    OverBudget(PictureError),
+    Unreadable(String),
+}
+
 impl Request {
     fn file_name(&self) -> Cow<'_, str> {
         let file_name = Path::new(&self.name).file_name();
@@ -167,19 +177,27 @@ impl Request {
     }
 
     /// Decodes the texture; also returns the damage of a file that is cut short.
-    fn decode(&self) -> Result<(Texture, Option<String>), String> {
+    fn decode(&self) -> Result<(Texture, Option<String>), DecodeError> {
         let image = match &self.source {
-            Source::Absent(cause) => return Err(cause.clone()),
+            Source::Absent(cause) => return Err(DecodeError::Unreadable(cause.clone())),
             Source::Bytes(bytes) => codec::decode(bytes, None, codec::MAX_BYTES),
             Source::File(path) => codec::read(path, codec::MAX_BYTES),
         };
-        let codec::Decoded { image, damage } = image.map_err(|error| error.to_string())?;
+        let codec::Decoded {
+            image,
+            damage,
+            memory: _memory,
+        } = image.map_err(|error| match error.is_over_budget() {
+            true => DecodeError::OverBudget(error),
+            false => DecodeError::Unreadable(error.to_string()),
+        })?;
         let (width, height) = (image.width(), image.height());
         let texels = match self.role {
             Role::Color => srgb_texels(&image),
             Role::Mask => mask_texels(&image),
         };
-        let texture = Texture::new(width, height, texels).ok_or("it has no pixels")?;
+        let texture = Texture::new(width, height, texels)
+            .ok_or_else(|| DecodeError::Unreadable("it has no pixels".into()))?;
         Ok((texture, damage))
     }
 }

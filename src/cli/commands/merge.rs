@@ -32,10 +32,6 @@ pub(crate) struct MergeCommand {
     /// New path of the sky image, if it has moved since the shards were captured
     #[arg(long, value_name = "FILE.hdr|.exr")]
     sky: Option<PathBuf>,
-    /// Memory limit, MiB, at least 64; samples beyond it are spilled to a temporary file next to
-    /// the output; unlimited by default
-    #[arg(long, value_name = "MIB", value_parser = clap::value_parser!(u64).range(64..=1 << 24))]
-    memory: Option<u64>,
     #[command(flatten)]
     packing: PackingArgs,
     /// Print one JSON object on standard output
@@ -44,7 +40,7 @@ pub(crate) struct MergeCommand {
 }
 
 impl MergeCommand {
-    pub(crate) fn run(&self) -> anyhow::Result<()> {
+    pub(crate) fn run(&self, memory_mb: Option<u64>) -> anyhow::Result<()> {
         let outputs = Outputs::new(self.json, &self.shards).file(&self.output, &CUBE)?;
         let mut infos = Vec::with_capacity(self.shards.len());
         for path in &self.shards {
@@ -83,7 +79,7 @@ impl MergeCommand {
         );
         let bar = Bar::new();
         let options = RunOptions {
-            budget: spill_budget(self.memory, &self.output),
+            budget: spill_budget(memory_mb, &self.output),
             progress: &bar,
             ..RunOptions::default()
         };

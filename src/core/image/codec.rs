@@ -4,6 +4,7 @@
 //! A decoder that panics on a malformed file is a defect of its crate, but no reason to end the
 //! program: [`decode`] turns the panic into [`PictureError::Malformed`].
 
+use crate::memory::{self, OverBudget, Reservation};
 use crate::panics;
 use ::image::codecs::png::PngEncoder;
 use ::image::{
@@ -40,6 +41,9 @@ pub enum PictureError {
     /// A file that its decoder cannot handle.
     #[error("malformed: {0}")]
     Malformed(String),
+    /// Not enough memory.
+    #[error(transparent)]
+    OverBudget(#[from] OverBudget),
     /// Too many pixels.
     #[error("{width}x{height} pixels, more than {MAX_PIXELS} in all")]
     TooLarge {
@@ -48,6 +52,18 @@ pub enum PictureError {
         /// Rows.
         height: u32,
     },
+}
+
+impl PictureError {
+    /// Returns true if the file is not at fault: it needs more memory than the budget has left.
+    #[must_use]
+    pub fn is_over_budget(&self) -> bool {
+        match self {
+            Self::OverBudget(_) => true,
+            Self::Io(error) => error.kind() == std::io::ErrorKind::OutOfMemory,
+            _ => false,
+        }
+    }
 }
 
 impl From<exr::error::Error> for PictureError {
@@ -66,6 +82,8 @@ pub struct Decoded {
     pub image: DynamicImage,
     /// Missing part of a JPEG file that is cut short, such as "rows 40 to 95 are missing".
     pub damage: Option<String>,
+    /// The memory of the pixels, and as much as a copy in eight bits has.
+    pub memory: Reservation,
 }
 
 /// Reads an image file of any supported format; its decoder may allocate `most_bytes`.
@@ -73,7 +91,7 @@ pub struct Decoded {
 /// # Errors
 /// [`PictureError`].
 pub fn read(path: &Path, most_bytes: u64) -> Result<Decoded, PictureError> {
-    decode(&std::fs::read(path)?, Some(path), most_bytes)
+    decode(&memory::read_file(path)?, Some(path), most_bytes)
 }
 
 /// Reads the number of bits per channel of an image file.
@@ -98,9 +116,13 @@ pub fn decode(bytes: &[u8], name: Option<&Path>, most_bytes: u64) -> Result<Deco
         let cause = format!("the palette has {length} bytes, not three for each colour");
         return Err(PictureError::Malformed(cause));
     }
-    let image = decode_pixels(bytes, name, most_bytes)?;
+    let (image, memory) = decode_pixels(bytes, name, most_bytes)?;
     let damage = is_cut_short(bytes).then(|| describe_damage(&image, bytes, name, most_bytes));
-    Ok(Decoded { image, damage })
+    Ok(Decoded {
+        image,
+        damage,
+        memory,
+    })
 }
 
 /// Calls a function of the EXR decoder.
@@ -115,7 +137,7 @@ fn decode_pixels(
     bytes: &[u8],
     name: Option<&Path>,
     most_bytes: u64,
-) -> Result<DynamicImage, PictureError> {
+) -> Result<(DynamicImage, Reservation), PictureError> {
     if bytes.starts_with(super::ktx2::SIGNATURE) {
         let decode = || super::ktx2::decode(bytes, most_bytes);
         return panics::catch(decode).unwrap_or_else(|panic| Err(PictureError::Malformed(panic)));
@@ -131,10 +153,12 @@ fn decode_pixels(
         reader.limits(limits);
         let decoder = reader.into_decoder()?;
         let (width, height) = decoder.dimensions();
-        if u64::from(width) * u64::from(height) > MAX_PIXELS {
+        let pixels = u64::from(width) * u64::from(height);
+        if pixels > MAX_PIXELS {
             return Err(PictureError::TooLarge { width, height });
         }
-        Ok(DynamicImage::from_decoder(decoder)?)
+        let memory = memory::reserve(decoder.total_bytes() + 4 * pixels)?;
+        Ok((DynamicImage::from_decoder(decoder)?, memory))
     };
     panics::catch(decode).unwrap_or_else(|panic| Err(PictureError::Malformed(panic)))
 }
@@ -210,7 +234,7 @@ fn describe_damage(
     let with_filler = [bytes, &[0x55; 4096]].concat();
     let other = decode_pixels(&with_filler, name, most_bytes);
     let row_bytes = image.as_bytes().len() / (image.height() as usize).max(1);
-    let first_difference = other.ok().and_then(|other| {
+    let first_difference = other.ok().and_then(|(other, _)| {
         let mut pairs = image.as_bytes().iter().zip(other.as_bytes());
         pairs.position(|(a, b)| a != b)
     });

@@ -1,6 +1,7 @@
 //! KTX2 files with Basis Universal textures, as `KHR_texture_basisu` of glTF has them.
 
 use super::codec::{MAX_PIXELS, PictureError};
+use crate::memory::{self, Reservation};
 use ::image::{DynamicImage, RgbaImage};
 use basisu::{DecodeFlags, TargetFormat, Transcoder};
 
@@ -15,7 +16,10 @@ const LEVEL_INDEX: usize = 80;
 /// # Errors
 /// [`PictureError::TooLarge`], and [`PictureError::Malformed`] also for textures that are not
 /// compressed by Basis Universal.
-pub(super) fn decode(bytes: &[u8], most_bytes: u64) -> Result<DynamicImage, PictureError> {
+pub(super) fn decode(
+    bytes: &[u8],
+    most_bytes: u64,
+) -> Result<(DynamicImage, Reservation), PictureError> {
     let malformed = |cause: &str| PictureError::Malformed(cause.into());
     let word = |at: usize| {
         let bytes = bytes.get(at..at + 4)?;
@@ -39,12 +43,14 @@ pub(super) fn decode(bytes: &[u8], most_bytes: u64) -> Result<DynamicImage, Pict
     if pixels > MAX_PIXELS.min(most_bytes / 4) || decoded > most_bytes {
         return Err(PictureError::TooLarge { width, height });
     }
+    // The compressed blocks, the pixels and a copy of them.
+    let memory = memory::reserve(decoded.saturating_add(8 * pixels))?;
     let texture = Transcoder::new(bytes)
         .map_err(|_| malformed("the KTX2 texture is damaged, or not by Basis Universal"))?;
     let pixels = texture
         .transcode(0, TargetFormat::Rgba32, DecodeFlags::NONE)
         .map_err(|cause| PictureError::Malformed(format!("KTX2: {cause:?}")))?;
     RgbaImage::from_raw(width, height, pixels)
-        .map(DynamicImage::ImageRgba8)
+        .map(|image| (DynamicImage::ImageRgba8(image), memory))
         .ok_or_else(|| malformed("the KTX2 texture has too few pixels"))
 }

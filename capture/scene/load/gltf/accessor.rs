@@ -14,6 +14,7 @@ use crate::load::gltf::uri;
 use gltf::json::accessor::{Accessor, ComponentType, Type};
 use gltf::json::validation::Checked;
 use gltf::json::{Index, Root, buffer};
+use headbox_core::memory;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -57,7 +58,12 @@ impl<'a> Buffers<'a> {
                         let bytes = match find_file(&file, &[folder]) {
                             Some(found) => {
                                 notes.add_file(&found.path);
-                                std::fs::read(found.path).map_err(|cause| cause.to_string())
+                                memory::read_file(&found.path).map_err(|cause| {
+                                    if cause.kind() == std::io::ErrorKind::OutOfMemory {
+                                        notes.add_over_budget(&file, &cause);
+                                    }
+                                    cause.to_string()
+                                })
                             }
                             None => Err("no such file".into()),
                         };
@@ -197,7 +203,10 @@ impl<'a> Buffers<'a> {
                 let offset = usize::try_from(accessor.byte_offset.unwrap_or_default().0).ok()?;
                 self.entries(view, offset, count, layout)?
             }
-            None if count <= MAX_ZEROS => vec![[0.0; N]; count],
+            None if count <= MAX_ZEROS => {
+                let _memory = memory::reserve(8 * (N * count) as u64).ok()?;
+                vec![[0.0; N]; count]
+            }
             None => return None,
         };
         if let Some(sparse) = &accessor.sparse {

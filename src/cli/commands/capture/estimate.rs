@@ -6,9 +6,9 @@
 //! second; each stage is timed and scaled by its own law. The rehearsal does not influence the
 //! capture.
 
-use crate::output::memory_bytes;
 use crate::packing::PackingArgs;
 use crate::progress::PlannedStage;
+use headbox_core::memory;
 use headbox_cube::model::parameters::Sampler;
 use headbox_ldi::capture::{SceneCapture, stage};
 use headbox_ldi::spec::{CaptureSpec, RunOptions};
@@ -79,7 +79,7 @@ impl Estimate {
         start: Instant,
     ) -> anyhow::Result<Self> {
         let [peak_memory, used_memory] =
-            memory_bytes().map_or([60e6; 2], |(peak, now)| [peak as f64, now as f64]);
+            memory::peak_and_resident().map_or([60e6; 2], |both| both.map(|bytes| bytes as f64));
         let is_whole = parts == 1;
         let small = rehearsal(spec, is_whole);
         let scale = f64::from(spec.face_size_px) / f64::from(small.face_size_px);

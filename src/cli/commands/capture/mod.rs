@@ -24,8 +24,7 @@ use crate::args::{SceneArgs, parse_vector, refuse_given, refuse_misplaced};
 use crate::image_set::SetArgs;
 use crate::messages::UsageError;
 use crate::output::{
-    CUBE, Outputs, SHARD, has_extension, memory_bytes, output_name, parent_folder, peak_rss_mb,
-    print_json,
+    CUBE, Outputs, SHARD, has_extension, output_name, parent_folder, peak_rss_mb, print_json,
 };
 use crate::packing::PackingArgs;
 use crate::progress::Bar;
@@ -37,6 +36,7 @@ use glam::DVec3;
 use headbox_core::file_frame::{figure, triple};
 use headbox_core::files;
 use headbox_core::headbox::Headbox;
+use headbox_core::memory;
 use headbox_ldi::accumulate::shard::{self, ShardInfo};
 use headbox_ldi::capture::SceneCapture;
 use headbox_ldi::from_deep::DeepCameraOptions;
@@ -63,10 +63,6 @@ pub(crate) struct CaptureCommand {
     headbox: HeadboxArgs,
     #[command(flatten)]
     quality: QualityArgs,
-    /// Memory limit, MiB, at least 64; samples beyond it are spilled to a temporary file next to
-    /// the output; unlimited by default
-    #[arg(long, value_name = "MIB", value_parser = clap::value_parser!(u64).range(64..=1 << 24))]
-    memory: Option<u64>,
     /// Capture only part I of N (0/4 to 3/4, or 1/4 to 4/4) into a shard file; see `merge`
     #[arg(long, value_name = "I/N", value_parser = parse_shard)]
     shard: Option<(u32, u32)>,
@@ -139,7 +135,7 @@ pub(super) fn spill_budget(memory_mb: Option<u64>, output: &Path) -> Option<(u64
     /// memory of freed accumulators.
     const SHARE: u64 = 2;
     let limit = memory_mb? << 20;
-    let used = memory_bytes().map_or(0, |(_, now)| now) + RESERVE;
+    let used = memory::peak_and_resident().map_or(0, |[_, now]| now) + RESERVE;
     if used >= limit {
         eprintln!(
             "warning: the scene alone takes {} MiB, more than --memory allows",
@@ -173,14 +169,14 @@ pub(super) fn warn_if_blocked(blocked_share: f64) {
 }
 
 impl CaptureCommand {
-    pub(crate) fn run(&self) -> anyhow::Result<()> {
+    pub(crate) fn run(&self, memory_mb: Option<u64>) -> anyhow::Result<()> {
         if is_image_set(self.scene.name()) {
             return self.run_images();
         }
         if is_deep_picture(self.scene.name()) {
             return self.run_deep();
         }
-        self.run_scene()
+        self.run_scene(memory_mb)
     }
 
     fn run_deep(&self) -> anyhow::Result<()> {
@@ -197,7 +193,7 @@ impl CaptureCommand {
         deep::run(name, &self.output, place, &self.packing, self.json)
     }
 
-    fn run_scene(&self) -> anyhow::Result<()> {
+    fn run_scene(&self, memory_mb: Option<u64>) -> anyhow::Result<()> {
         refuse_misplaced(
             "deep EXRs without a camera in the header",
             self.deep_flags(),
@@ -244,11 +240,11 @@ impl CaptureCommand {
         let shard = self.shard.unwrap_or((0, 1));
         let estimate = Estimate::new(&spec, &tracer, &lighting, &self.packing, shard.1, start)
             .context("the capture failed")?
-            .limit_memory(self.memory);
+            .limit_memory(memory_mb);
         eprintln!("estimate: {estimate}");
         let bar = Bar::planned(estimate.plan(), true);
         let options = RunOptions {
-            budget: spill_budget(self.memory, &self.output),
+            budget: spill_budget(memory_mb, &self.output),
             shard,
             progress: &bar,
         };
@@ -333,7 +329,6 @@ impl CaptureCommand {
     ) -> Result<(), UsageError> {
         let own_flags = [
             ("--shard", self.shard.is_some()),
-            ("--memory", self.memory.is_some()),
             ("--quality", self.quality.preset.quality.is_some()),
         ];
         let flags = own_flags
