@@ -254,3 +254,119 @@ fn skin_transforms_normals() {
         scene.surface(0, 0.3, 0.3)
     );
 }
+
+/// A lamp in front of the square, for nodes with `KHR_lights_punctual`.
+const LAMP: &str = r#""extensions":{"KHR_lights_punctual":{"lights":[{"type":"point"}]}}"#;
+
+#[test]
+fn hidden_nodes_show_neither_mesh_nor_lamp() {
+    let nodes = |first: &str| {
+        format!(
+            r#""nodes":[{{"mesh":0,"children":[1],"extensions":{{{first}"KHR_lights_punctual":{{"light":0}}}}}},
+            {{"mesh":0,"translation":[5,0,0],"extensions":{{"KHR_node_visibility":{{"visible":true}}}}}},{{"mesh":0,"translation":[9,0,0]}}]"#
+        )
+    };
+    let load = |first: &str| {
+        load_text(square().gltf(&format!("{},{SQUARE},{LAMP}", nodes(first)))).expect("clean")
+    };
+    let hidden = load(r#""KHR_node_visibility":{"visible":false},"#);
+    assert_eq!((hidden.triangles.len(), hidden.lamps.len()), (2, 0));
+    assert!(hidden.positions.iter().all(|p| p.x >= 9.0));
+    assert_eq!(
+        hidden.summary.notes,
+        ["2 meshes or lamps hidden by the file (KHR_node_visibility) left out"]
+    );
+    for shown in [r#""KHR_node_visibility":{"visible":true},"#, ""] {
+        let scene = load(shown);
+        assert_eq!((scene.triangles.len(), scene.lamps.len()), (6, 1));
+    }
+}
+
+#[test]
+fn hidden_joints_move_skins() {
+    let joints = JOINTS.replace(
+        r#"{"translation":[0,0,2]"#,
+        r#"{"extensions":{"KHR_node_visibility":{"visible":false}},"translation":[0,0,2]"#,
+    );
+    let skin = r#""skins":[{"joints":[1,2],"inverseBindMatrices":5}]"#;
+    let text = skinned_square(1.0).gltf(&format!("{joints},{SKINNED},{skin}"));
+    let scene = load_text(text).expect("clean");
+    assert!(has(&scene, dvec3(1.0, 0.0, 2.0)), "{:?}", scene.positions);
+}
+
+#[test]
+fn extensions_that_change_nothing_may_be_required() {
+    let with = |extension: &str| {
+        let required = format!(r#"{NODE},{SQUARE},"extensionsRequired":["{extension}"]"#);
+        load_text(square().gltf(&required)).map(|scene| scene.summary.notes)
+    };
+    for extension in ["KHR_materials_variants", "KHR_xmp_json_ld", "VRM"] {
+        assert_eq!(with(extension).expect(extension), Vec::<String>::new());
+    }
+    assert_eq!(
+        with("KHR_materials_sheen").expect("read without"),
+        ["1 unsupported extension ignored: KHR_materials_sheen"]
+    );
+    let error = with("ACME_shape").expect_err("unknown").to_string();
+    assert!(error.contains("ACME_shape"), "{error}");
+}
+
+#[test]
+fn whole_colours_above_one_are_divided_by_their_range() {
+    let load = |component: u32, more: &str, bytes: &[u8]| {
+        let mut asset = square();
+        let colors = asset.accessor(bytes, component, "VEC4", 4, more);
+        let mesh = SQUARE.replace("\"TEXCOORD_0\":1", &format!("\"COLOR_0\":{colors}"));
+        load_text(asset.gltf(&format!("{NODE},{mesh}"))).expect("clean")
+    };
+    let floats = |corner: [f32; 4]| {
+        let all = [corner; 4];
+        all.as_flattened()
+            .iter()
+            .flat_map(|c| c.to_le_bytes())
+            .collect::<Vec<u8>>()
+    };
+    let divided = "1 mesh part with vertex colours of 0 to 255 or 65535 that are not normalized, divided by that";
+    let bytes = [[204, 51, 0, 255_u8]; 4].concat();
+    for scene in [
+        load(5121, "", &bytes),
+        load(5126, "", &floats([204.0, 51.0, 0.0, 255.0])),
+    ] {
+        assert_eq!(scene.colors[0], Vec3::new(0.8, 0.2, 0.0));
+        assert_eq!(scene.summary.notes, [divided]);
+    }
+    let normalized = load(5121, r#","normalized":true"#, &bytes);
+    assert_eq!(normalized.colors[0], Vec3::new(0.8, 0.2, 0.0));
+    assert_eq!(normalized.summary.notes, Vec::<String>::new());
+    let bright = load(5126, "", &floats([1.5, 0.5, 0.25, 1.0]));
+    assert_eq!(bright.colors[0], Vec3::new(1.0, 0.5, 0.25));
+    assert_eq!(
+        bright.summary.notes,
+        ["4 vertices with a colour above 1, which is reduced to 1"]
+    );
+}
+
+#[test]
+fn padding_and_byte_order_mark_of_json_are_skipped() {
+    let rest = format!("{NODE},{SQUARE}");
+    let folder = Folder::new();
+    let text: String = square().gltf(&rest);
+    folder.write("a.gltf", format!("\u{feff}{text}"));
+    let mut glb = square().glb(&rest);
+    let end = 20 + u32::from_le_bytes([glb[12], glb[13], glb[14], glb[15]]) as usize;
+    let padding = glb[..end].iter().rev().take_while(|&&byte| byte == b' ');
+    let first = end - padding.count();
+    // Another word of padding, so that there is some.
+    glb.splice(end..end, [0; 4]);
+    glb[first..end].fill(0);
+    let longer = |glb: &mut [u8], at: usize| {
+        let length = u32::from_le_bytes([glb[at], glb[at + 1], glb[at + 2], glb[at + 3]]) + 4;
+        glb[at..at + 4].copy_from_slice(&length.to_le_bytes());
+    };
+    longer(&mut glb, 8);
+    longer(&mut glb, 12);
+    folder.write("b.glb", &glb);
+    for name in ["a.gltf", "b.glb"] {
+        assert_eq!(folder.load(name).expect(name).triangles.len(), 2, "{name}");
+    }
+}

@@ -19,6 +19,10 @@ use std::path::Path;
 /// size, and files have 6 to 9 digits, so that intended triangles are far above.
 const DEGENERATE_SHARE: f64 = 1e-12;
 
+/// Largest component of a vertex colour that is not reported as cut to 1: half a step of 8 bits
+/// above.
+const MAX_COLOR: f32 = 1.0 + 0.5 / 255.0;
+
 /// A scene under construction.
 #[derive(Debug, Default)]
 pub(super) struct Builder {
@@ -120,6 +124,8 @@ impl Builder {
         } else {
             Vec2::ZERO
         });
+        let is_cut = vertex.color.is_finite() && vertex.color.max_element() > MAX_COLOR;
+        self.notes.add(Note::ColorAboveOne, usize::from(is_cut));
         self.scene.colors.push(if vertex.color.is_finite() {
             vertex.color.clamp(Vec3::ZERO, Vec3::ONE)
         } else {

@@ -24,6 +24,9 @@ pub(super) enum Note {
     AccessorUnreadable,
     LightUnreadable,
     SkinUnreadable,
+    Hidden,
+    ColorNotNormalized,
+    ColorAboveOne,
     NodeCycle,
     NonTriangles,
     EmptyGroup,
@@ -100,6 +103,21 @@ impl Note {
                 "skinned mesh",
                 "skinned meshes",
                 "with damaged joints or weights shown undeformed",
+            ],
+            Self::Hidden => [
+                "mesh or lamp",
+                "meshes or lamps",
+                "hidden by the file (KHR_node_visibility) left out",
+            ],
+            Self::ColorNotNormalized => [
+                "mesh part",
+                "mesh parts",
+                "with vertex colours of 0 to 255 or 65535 that are not normalized, divided by that",
+            ],
+            Self::ColorAboveOne => [
+                "vertex",
+                "vertices",
+                "with a colour above 1, which is reduced to 1",
             ],
             Self::NodeCycle => [
                 "node",

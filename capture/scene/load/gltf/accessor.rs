@@ -179,6 +179,14 @@ impl<'a> Buffers<'a> {
             .is_some_and(|accessor| accessor.buffer_view.is_some())
     }
 
+    /// Returns the number of components of an accessor's entries; 0 if it is damaged.
+    pub(super) fn components(&self, index: Index<Accessor>) -> usize {
+        let accessor = self.root.accessors.get(index.value());
+        accessor
+            .and_then(Layout::new)
+            .map_or(0, |layout| layout.components)
+    }
+
     /// Reads an accessor as vectors of `N` components, without further components. Returns `None`
     /// if it has fewer or is damaged.
     pub(super) fn vectors<const N: usize>(&self, index: Index<Accessor>) -> Option<Vec<[f64; N]>> {

@@ -2,6 +2,8 @@
 
 use super::super::notes::{Note, Notes};
 use super::accessor::Buffers;
+use ::gltf::json::Index;
+use ::gltf::json::accessor::Accessor;
 use ::gltf::json::mesh::{Primitive, Semantic};
 use ::gltf::json::validation::Checked;
 use glam::DMat3;
@@ -12,7 +14,8 @@ pub(super) struct Attributes {
     /// One per position, or empty.
     pub(super) normals: Vec<[f64; 3]>,
     pub(super) texcoords: Vec<[f64; 2]>,
-    pub(super) colors: Vec<[f64; 3]>,
+    /// Linear RGB and opacity.
+    pub(super) colors: Vec<[f64; 4]>,
 }
 
 impl Attributes {
@@ -30,6 +33,12 @@ impl Attributes {
             return None;
         };
         let count = positions.len();
+        let mut colors = optional(
+            accessor(Semantic::Colors(0)).map(|a| colors(a, buffers)),
+            count,
+            notes,
+        );
+        normalize_colors(&mut colors, notes);
         Some(Self {
             normals: optional(
                 accessor(Semantic::Normals).map(|a| buffers.vectors(a)),
@@ -41,14 +50,37 @@ impl Attributes {
                 count,
                 notes,
             ),
-            colors: optional(
-                accessor(Semantic::Colors(0)).map(|a| buffers.vectors(a)),
-                count,
-                notes,
-            ),
+            colors,
             positions,
         })
     }
+}
+
+/// Reads colours with opacity, which is 1 if the file has three components.
+fn colors(accessor: Index<Accessor>, buffers: &Buffers) -> Option<Vec<[f64; 4]>> {
+    if buffers.components(accessor) == 4 {
+        return buffers.vectors(accessor);
+    }
+    let opaque = |[r, g, b]: [f64; 3]| [r, g, b, 1.0];
+    Some(buffers.vectors(accessor)?.into_iter().map(opaque).collect())
+}
+
+/// Divides colours of 0 to 255 or 65,535 by that: whole numbers that the file does not declare as
+/// normalized, which is invalid but common.
+fn normalize_colors(colors: &mut [[f64; 4]], notes: &mut Notes) {
+    let rgb = || colors.iter().flat_map(|&[r, g, b, _]| [r, g, b]);
+    let largest = rgb().fold(0.0, f64::max);
+    if largest <= 1.0 || largest > 65_535.0 || rgb().any(|c| c.fract() != 0.0) {
+        return;
+    }
+    let full = if largest > 255.0 { 65_535.0 } else { 255.0 };
+    for [r, g, b, opacity] in colors.iter_mut() {
+        [r, g, b].into_iter().for_each(|c| *c /= full);
+        if *opacity > 1.0 {
+            *opacity /= full;
+        }
+    }
+    notes.add(Note::ColorNotNormalized, 1);
 }
 
 /// Returns an attribute, or none if it is absent (`None`) or damaged (`Some(None)`, another

@@ -39,9 +39,7 @@ pub(crate) fn read(path: &Path, bytes: &[u8], fps: f64) -> Result<Vec<GltfCamera
         .filter(|node| rig.lens(*node).is_some())
         .collect();
     if cameras.is_empty() {
-        return Err(malformed(
-            "it has no perspective camera; export cameras with it".into(),
-        ));
+        return Err(malformed(rig.no_perspective_message()));
     }
     for animation in &root.animations {
         let tracks = tracks(animation, &buffers)
@@ -108,6 +106,31 @@ impl<'a> Rig<'a> {
             .get(self.root.nodes.get(node)?.camera?.value())?;
         let lens = camera.perspective.as_ref()?;
         Some((f64::from(lens.yfov), lens.aspect_ratio.map(f64::from)))
+    }
+
+    /// Returns the message about a file without a node that has a perspective camera.
+    fn no_perspective_message(&self) -> String {
+        let nodes = self.root.nodes.iter();
+        let at_nodes = nodes
+            .filter_map(|node| self.root.cameras.get(node.camera?.value()))
+            .filter(|camera| camera.orthographic.is_some())
+            .count();
+        let (found, remedy) = if at_nodes > 0 {
+            let cameras = if at_nodes == 1 {
+                "its only camera is orthographic".into()
+            } else {
+                format!("its {at_nodes} cameras are orthographic")
+            };
+            (cameras, "change the type of the camera and export it again")
+        } else if self.root.cameras.is_empty() {
+            ("it has no camera".into(), "export cameras with it")
+        } else {
+            (
+                "no node of it has a perspective camera".to_owned(),
+                "export cameras with it",
+            )
+        };
+        format!("{found}, but a path needs a perspective camera; {remedy}")
     }
 
     fn camera(&self, node: usize, tracks: &[Track], time_s: f64) -> Option<GltfCamera> {

@@ -9,6 +9,13 @@ use ::gltf::json::validation::Checked;
 use ::gltf::json::{Node, Root};
 use glam::{DAffine3, DVec3, Vec3};
 
+/// Returns true if a node has a lamp.
+pub(super) fn has_lamp(node: &Node) -> bool {
+    node.extensions
+        .as_ref()
+        .is_some_and(|extensions| extensions.khr_lights_punctual.is_some())
+}
+
 /// Adds the lamp of a node, if it has one.
 pub(super) fn push(root: &Root, node: &Node, world_from_node: DAffine3, builder: &mut Builder) {
     let at_node = node

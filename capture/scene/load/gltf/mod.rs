@@ -34,17 +34,55 @@ pub use raw_json::HEADBOX_HALF_SIZE;
 use raw_json::RawJson;
 use std::path::Path;
 
-/// Extensions that a file may require: they are read, or do not change diffuse surfaces.
-const KNOWN_EXTENSIONS: [&str; 9] = [
+/// Extensions that a file may require because they are read.
+const READ_EXTENSIONS: [&str; 14] = [
     "KHR_texture_transform",
     "KHR_mesh_quantization",
     "KHR_lights_punctual",
+    "KHR_node_visibility",
+    "KHR_materials_emissive_strength",
+    "KHR_materials_pbrSpecularGlossiness",
+    "KHR_materials_transmission",
+    "KHR_materials_unlit",
     "EXT_texture_webp",
     "EXT_mesh_gpu_instancing",
     "KHR_draco_mesh_compression",
     "EXT_meshopt_compression",
     "KHR_meshopt_compression",
     "KHR_texture_basisu",
+];
+
+/// Extensions that a file may require although they are not read: metadata, behaviour, physics,
+/// sound, animation, and alternatives to what the file shows by default. They do not change the
+/// picture.
+const HARMLESS_EXTENSIONS: [&str; 27] = [
+    "KHR_materials_variants",
+    "KHR_xmp",
+    "KHR_xmp_json_ld",
+    "KHR_animation_pointer",
+    "KHR_audio_emitter",
+    "KHR_collision_shapes",
+    "KHR_implicit_shapes",
+    "KHR_interactivity",
+    "KHR_node_hoverability",
+    "KHR_node_selectability",
+    "KHR_physics_rigid_bodies",
+    "EXT_feature_metadata",
+    "EXT_instance_features",
+    "EXT_mesh_features",
+    "EXT_structural_metadata",
+    "AGI_articulations",
+    "AGI_stk_metadata",
+    "CESIUM_primitive_outline",
+    "GODOT_single_root",
+    "MPEG_scene_dynamic",
+    "MSFT_audio_emitter",
+    "MSFT_lod",
+    "OMI_physics_body",
+    "OMI_physics_shape",
+    "VRM",
+    "VRMC_springBone",
+    "VRMC_vrm",
 ];
 
 /// Returns the message about a required extension that is not supported, with a remedy.
@@ -80,9 +118,13 @@ pub(super) fn load(
         notes.add(Note::BytesBeyondEnd, bytes.len().saturating_sub(length));
     }
     for required in &root.extensions_required {
+        let is_in = |names: &[&str]| names.contains(&required.as_str());
+        if is_in(&READ_EXTENSIONS) || is_in(&HARMLESS_EXTENSIONS) {
+            continue;
+        }
         if required.starts_with(MATERIAL_EXTENSIONS) {
             notes.add_named(Note::UnknownExtension, required);
-        } else if !KNOWN_EXTENSIONS.contains(&required.as_str()) {
+        } else {
             return Err(LoadError::malformed(path, unsupported_message(required)));
         }
     }
@@ -120,8 +162,8 @@ fn parse(path: &Path, bytes: &[u8]) -> Result<(Root, RawJson, Option<Vec<u8>>), 
             ));
         }
         let no_json = |cause: ::gltf::json::Error| malformed(cause.to_string());
-        let root = ::gltf::json::deserialize::from_slice(bytes).map_err(no_json)?;
-        return Ok((root, RawJson::parse(bytes).map_err(no_json)?, None));
+        let root = ::gltf::json::deserialize::from_slice(text).map_err(no_json)?;
+        return Ok((root, RawJson::parse(text).map_err(no_json)?, None));
     }
     // The `gltf` crate subtracts the header's size from this length without a check.
     let length = glb_length(bytes).unwrap_or(0);
@@ -133,18 +175,34 @@ fn parse(path: &Path, bytes: &[u8]) -> Result<(Root, RawJson, Option<Vec<u8>>), 
     }
     let glb =
         ::gltf::binary::Glb::from_slice(bytes).map_err(|cause| malformed(cause.to_string()))?;
-    let root = ::gltf::json::deserialize::from_slice(&glb.json);
+    let json = without_padding(&glb.json);
+    let root = ::gltf::json::deserialize::from_slice(json);
     let no_json = |cause| malformed(format!("its JSON chunk does not parse: {cause}"));
     let (root, raw) = (
         root.map_err(no_json)?,
-        RawJson::parse(&glb.json).map_err(no_json)?,
+        RawJson::parse(json).map_err(no_json)?,
     );
     Ok((root, raw, glb.bin.map(Into::into)))
 }
 
-/// Returns the nodes of the default scene (of all trees if there is no scene), depth first, with
-/// their world transforms.
-fn world_transforms(root: &Root, raw: &RawJson, notes: &mut Notes) -> Vec<(usize, DAffine3)> {
+/// Returns the text of a GLB's JSON chunk without byte-order mark and padding. Padding is spaces,
+/// but some programs write NUL, as in the binary chunk.
+fn without_padding(chunk: &[u8]) -> &[u8] {
+    let text = chunk.strip_prefix(b"\xef\xbb\xbf").unwrap_or(chunk);
+    let end = text.iter().rposition(|&byte| byte != 0);
+    &text[..end.map_or(0, |last| last + 1)]
+}
+
+/// A node of the scene in use.
+struct PlacedNode {
+    index: usize,
+    world_from_node: DAffine3,
+    /// False if `KHR_node_visibility` hides it or one of its ancestors.
+    is_visible: bool,
+}
+
+/// Returns the nodes of the default scene (of all trees if there is no scene), depth first.
+fn place_nodes(root: &Root, raw: &RawJson, notes: &mut Notes) -> Vec<PlacedNode> {
     let children = |node: &Node| {
         node.children
             .iter()
@@ -167,13 +225,13 @@ fn world_transforms(root: &Root, raw: &RawJson, notes: &mut Notes) -> Vec<(usize
     };
     // An explicit stack, because chains of nodes may be long; each node once, because of cycles.
     roots.reverse();
-    let mut open: Vec<(usize, DAffine3)> = roots
+    let mut open: Vec<(usize, DAffine3, bool)> = roots
         .into_iter()
-        .map(|node| (node, DAffine3::IDENTITY))
+        .map(|node| (node, DAffine3::IDENTITY, true))
         .collect();
     let mut visited = vec![false; root.nodes.len()];
     let mut placed = Vec::new();
-    while let Some((index, world_from_parent)) = open.pop() {
+    while let Some((index, world_from_parent, parent_is_visible)) = open.pop() {
         let Some(node) = root.nodes.get(index) else {
             notes.add(Note::AccessorUnreadable, 1);
             continue;
@@ -183,18 +241,24 @@ fn world_transforms(root: &Root, raw: &RawJson, notes: &mut Notes) -> Vec<(usize
             continue;
         }
         let world_from_node = world_from_parent * raw.parent_from_node(index);
+        let is_visible = parent_is_visible && raw.is_visible(index);
         open.extend(
             children(node)
                 .into_iter()
                 .rev()
-                .map(|child| (child, world_from_node)),
+                .map(|child| (child, world_from_node, is_visible)),
         );
-        placed.push((index, world_from_node));
+        placed.push(PlacedNode {
+            index,
+            world_from_node,
+            is_visible,
+        });
     }
     placed
 }
 
-/// Adds the lights, the headbox and the meshes of the nodes.
+/// Adds the headbox, and the lights and the meshes of the visible nodes. Hidden nodes still move
+/// the joints of skins.
 fn push_nodes(
     root: &Root,
     raw: &RawJson,
@@ -203,17 +267,29 @@ fn push_nodes(
     builder: &mut Builder,
     groups: bool,
 ) -> Result<(), TooManyVertices> {
-    let placed = world_transforms(root, raw, &mut builder.notes);
+    let placed = place_nodes(root, raw, &mut builder.notes);
     let mut world_from_nodes = vec![None; root.nodes.len()];
     placed
         .iter()
-        .for_each(|&(index, world_from_node)| world_from_nodes[index] = Some(world_from_node));
-    for &(index, world_from_node) in &placed {
+        .for_each(|node| world_from_nodes[node.index] = Some(node.world_from_node));
+    for placed in placed {
+        let PlacedNode {
+            index,
+            world_from_node,
+            is_visible,
+        } = placed;
         let node = &root.nodes[index];
-        lights::push(root, node, world_from_node, builder);
         if let Some(half_size) = raw.headbox_half_size(index) {
             builder.place_headbox(world_from_node.translation, half_size);
         }
+        if !is_visible {
+            let shows_something = node.mesh.is_some() || lights::has_lamp(node);
+            builder
+                .notes
+                .add(Note::Hidden, usize::from(shows_something));
+            continue;
+        }
+        lights::push(root, node, world_from_node, builder);
         let Some(mesh_index) = node.mesh else {
             continue;
         };

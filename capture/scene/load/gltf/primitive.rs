@@ -106,7 +106,7 @@ fn push_vertices(
             color: attributes
                 .colors
                 .get(i)
-                .map_or(Vec3::ONE, |&c| DVec3::from(c).as_vec3()),
+                .map_or(Vec3::ONE, |&[r, g, b, _]| DVec3::new(r, g, b).as_vec3()),
         });
     }
     Ok(first)

@@ -97,6 +97,13 @@ pub(super) struct NodeTransform {
 struct NodeExtensions {
     #[serde(rename = "EXT_mesh_gpu_instancing")]
     instancing: Option<Instancing>,
+    #[serde(rename = "KHR_node_visibility")]
+    visibility: Option<Visibility>,
+}
+
+#[derive(Clone, Default, Deserialize)]
+struct Visibility {
+    visible: Option<bool>,
 }
 
 #[derive(Clone, Default, Deserialize)]
@@ -176,6 +183,15 @@ impl RawJson {
             .instancing
             .as_ref()
             .map(|instancing| &instancing.attributes)
+    }
+
+    /// Returns false if `KHR_node_visibility` hides a node.
+    pub(super) fn is_visible(&self, index: usize) -> bool {
+        let visibility = self
+            .nodes
+            .get(index)
+            .and_then(|node| node.extensions.visibility.as_ref());
+        visibility.is_none_or(|visibility| visibility.visible.unwrap_or(true))
     }
 
     /// Returns a node's transform for animation; animated nodes have no matrix.
