@@ -1,7 +1,8 @@
 //! Models and images in the archive of a Sweet Home 3D home.
 
 use glam::{DVec2, DVec3};
-use headbox_scene::load::lines::{decode, keyword, lines};
+use headbox_scene::load::encoding::decode_text;
+use headbox_scene::load::lines::{keyword, lines};
 use headbox_scene::load::mtl::{self, Map, MtlMaterial};
 use headbox_scene::load::notes::Notes;
 use std::collections::HashMap;
@@ -45,7 +46,7 @@ impl<'a> Archive<'a> {
         if !self.models.contains_key(name) {
             let model = self
                 .file(name)
-                .and_then(|bytes| Model::parse(&decode(&bytes)));
+                .and_then(|bytes| Model::parse(&decode_text(&bytes, name, &mut Notes::default())));
             let model = model.map(|model| Rc::new(self.with_materials(model, name)));
             self.models.insert(name.to_owned(), model);
         }
@@ -70,8 +71,9 @@ impl<'a> Archive<'a> {
         let mut notes = Notes::default();
         for library in &model.libraries {
             if let Some(bytes) = self.file(&in_archive(library)) {
+                let text = decode_text(&bytes, library, &mut notes);
                 mtl::parse(
-                    &decode(&bytes),
+                    &text,
                     library,
                     PathBuf::new(),
                     &mut model.materials,

@@ -133,6 +133,7 @@ impl<'a> PlainHome<'a> {
             diffuse_map: Some(Map {
                 file: picture.image.clone(),
                 image_from_vertex: Affine2::IDENTITY,
+                ignored_options: Vec::new(),
             }),
             ..MtlMaterial::default()
         });

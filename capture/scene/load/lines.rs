@@ -2,25 +2,27 @@
 
 use std::borrow::Cow;
 
-/// Decodes UTF-8 without its byte-order mark; other bytes become replacement characters.
-pub fn decode(bytes: &[u8]) -> Cow<'_, str> {
-    String::from_utf8_lossy(bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes))
-}
-
 /// Returns the trimmed lines of a text with their numbers from 1. A backslash at its end continues
-/// a line in the next one; it has the number of its first part. Lines end in line feeds, with or
-/// without carriage returns, or in carriage returns if the text has no line feed.
+/// a line in the next one, except in a comment, where it may end a folder of Windows; it has the
+/// number of its first part. Lines end in line feeds, with or without carriage returns, or in
+/// carriage returns if the text has no line feed.
 pub fn lines(text: &str) -> impl Iterator<Item = (usize, Cow<'_, str>)> {
     let end = if text.contains('\n') { '\n' } else { '\r' };
     let mut parts = text.split(end).enumerate();
     std::iter::from_fn(move || {
         let (index, part) = parts.next()?;
-        let mut line = Cow::from(part.trim());
-        while let Some(unfinished) = line.strip_suffix('\\') {
-            let Some((_, next)) = parts.next() else { break };
-            line = format!("{unfinished} {}", next.trim()).into();
+        let part = part.trim();
+        if !part.ends_with('\\') || part.starts_with('#') {
+            return Some((index + 1, Cow::from(part)));
         }
-        Some((index + 1, line))
+        let mut line = part.to_owned();
+        while line.ends_with('\\') {
+            let Some((_, next)) = parts.next() else { break };
+            line.pop();
+            line.push(' ');
+            line.push_str(next.trim());
+        }
+        Some((index + 1, line.into()))
     })
 }
 
@@ -34,6 +36,22 @@ pub fn keyword(line: &str) -> (&str, &str) {
 pub(super) fn words(rest: &str) -> impl Iterator<Item = &str> {
     rest.split_whitespace()
         .take_while(|word| !word.starts_with('#'))
+}
+
+/// Returns true if a word before a comment is a number with a comma for the decimal point.
+pub(super) fn has_decimal_comma(line: &str) -> bool {
+    words(line).any(|word| word.contains(',') && word.replacen(',', ".", 1).parse::<f64>().is_ok())
+}
+
+/// Returns a name without the comment behind it; `None` if there is none. A number sign before a
+/// digit belongs to the name, as in `Material #25`.
+pub(super) fn without_comment(name: &str) -> Option<&str> {
+    let is_comment = |&(at, _): &(usize, &str)| {
+        name[..at].ends_with(char::is_whitespace)
+            && !name[at + 1..].starts_with(|c: char| c.is_ascii_digit())
+    };
+    let (at, _) = name.match_indices('#').find(is_comment)?;
+    Some(name[..at].trim_end()).filter(|name| !name.is_empty())
 }
 
 #[cfg(test)]
@@ -52,8 +70,24 @@ mod tests {
         assert_eq!(collect("f 1 2 \\\r\n 3\r\n  g a\r"), expected);
         assert_eq!(collect("f 1 2 \\\r3\rg a"), expected);
         assert_eq!(collect("f \\"), [(1, "f \\".to_owned())]);
-        assert_eq!(decode(b"\xef\xbb\xbfv \xff"), "v \u{fffd}");
+        assert_eq!(
+            collect("# C:\\models\\\nv 1"),
+            [(1, "# C:\\models\\".to_owned()), (2, "v 1".to_owned())]
+        );
         assert_eq!(keyword("usemtl\ta b #1 "), ("usemtl", "a b #1"));
+        assert!(has_decimal_comma("v 0 -1,5e3") && !has_decimal_comma("v a,b 1 # 0,5"));
+        assert_eq!(without_comment("a #1 # b"), Some("a #1"));
+        assert_eq!(without_comment("a#b #1"), None);
         assert_eq!(words("1 2 # 3").collect::<Vec<_>>(), ["1", "2"]);
+    }
+    #[test]
+    fn continued_lines_take_linear_time() {
+        let text = "f 1 \\\n".repeat(400_000);
+        let start = std::time::Instant::now();
+        assert_eq!(lines(&text).count(), 1);
+        assert!(
+            start.elapsed().as_secs() < 5,
+            "quadratic time takes minutes"
+        );
     }
 }

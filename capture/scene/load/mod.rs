@@ -5,9 +5,11 @@
 //! names the file and the cause.
 
 mod builder;
+pub mod encoding;
 pub(crate) mod gltf;
 mod lights;
 pub mod lines;
+mod material_names;
 pub mod mtl;
 pub mod notes;
 pub mod obj;
@@ -15,6 +17,7 @@ mod obj_prepare;
 mod orientation;
 pub mod polygon;
 mod textures;
+mod vertex_colors;
 
 pub use builder::{Group, GroupedScene};
 pub use gltf::HEADBOX_HALF_SIZE;

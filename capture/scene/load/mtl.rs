@@ -3,7 +3,7 @@
 //! `tobj` is not used: it rejects a whole material file (or panics) for one bad line, leaves the
 //! options of a map in its file name, and ignores `Tr` and `map_Ke`.
 
-use super::lines::{keyword, lines, words};
+use super::lines::{has_decimal_comma, keyword, lines, words};
 use super::notes::{Note, Notes};
 use glam::{Affine2, Vec2};
 use std::path::PathBuf;
@@ -15,6 +15,8 @@ pub struct Map {
     pub file: String,
     /// Maps the texture coordinate of a vertex to that of the image (`-s` and `-o`).
     pub image_from_vertex: Affine2,
+    /// Options that change the image and are not supported.
+    pub ignored_options: Vec<String>,
 }
 
 /// A `newmtl` of a material file.
@@ -89,7 +91,15 @@ pub fn parse(
         } else if let Some(material) = &mut current
             && apply_statement(material, word, rest).is_none()
         {
-            notes.add_named(Note::MaterialLineUnread, format!("{name} line {number}"));
+            let cause = if has_decimal_comma(rest) {
+                " (decimal comma)"
+            } else {
+                ""
+            };
+            notes.add_named(
+                Note::MaterialLineUnread,
+                format!("{name} line {number}{cause}"),
+            );
         }
     }
     materials.extend(current);
@@ -128,42 +138,118 @@ fn parse_color(rest: &str) -> Option<[f32; 3]> {
     }
 }
 
-/// Parses options and a file name, which may contain spaces.
+/// Parses a file name, which may contain spaces, with options before or behind it.
 fn parse_map(rest: &str) -> Option<Map> {
     let mut rest = rest;
-    let (mut scale, mut offset) = (Vec2::ONE, Vec2::ZERO);
-    while rest.starts_with('-') {
-        let (option, mut after) = keyword(rest);
-        match option.to_ascii_lowercase().as_str() {
-            "-s" => scale = take_vector(&mut after, 1.0),
-            "-o" => offset = take_vector(&mut after, 0.0),
-            "-t" => _ = take_vector(&mut after, 0.0),
-            "-mm" => after = keyword(keyword(after).1).1,
-            "-blendu" | "-blendv" | "-bm" | "-boost" | "-cc" | "-clamp" | "-imfchan"
-            | "-texres" | "-type" => {
-                after = keyword(after).1;
-            }
-            _ => break, // the beginning of a file name
-        }
+    let mut options = MapOptions::default();
+    while let Some(after) = options.take(rest) {
         rest = after;
     }
+    let behind = rest
+        .match_indices(" -")
+        .take(MAX_OPTIONS)
+        .find_map(|(at, _)| {
+            let (mut options, mut tail) = (options.clone(), rest[at..].trim_start());
+            while let Some(after) = options.take(tail) {
+                tail = after;
+            }
+            (tail.is_empty() || tail.starts_with('#')).then_some((at, options))
+        });
+    if let Some((at, with_those_behind)) = behind {
+        rest = rest[..at].trim_end();
+        options = with_those_behind;
+    }
+    let MapOptions {
+        scale,
+        offset,
+        ignored,
+    } = options;
     let image_from_vertex = Affine2::from_scale_angle_translation(scale, 0.0, offset);
     (!rest.is_empty()).then(|| Map {
         file: rest.to_owned(),
         image_from_vertex,
+        ignored_options: ignored,
     })
+}
+
+/// Number of places behind a file name where options may begin.
+const MAX_OPTIONS: usize = 16;
+
+/// Options of a map.
+#[derive(Clone)]
+struct MapOptions {
+    scale: Vec2,
+    offset: Vec2,
+    ignored: Vec<String>,
+}
+
+impl Default for MapOptions {
+    fn default() -> Self {
+        Self {
+            scale: Vec2::ONE,
+            offset: Vec2::ZERO,
+            ignored: Vec::new(),
+        }
+    }
+}
+
+impl MapOptions {
+    /// Applies an option at the front of `text`. Returns the rest; `None` if there is no known
+    /// option.
+    fn take<'a>(&mut self, text: &'a str) -> Option<&'a str> {
+        let (option, mut after) = keyword(text);
+        let option = option.to_ascii_lowercase();
+        let is_neutral = match option.as_str() {
+            "-s" => {
+                self.scale = take_vector(&mut after, 1.0);
+                true
+            }
+            "-o" => {
+                self.offset = take_vector(&mut after, 0.0);
+                true
+            }
+            "-t" => take_numbers(&mut after, [0.0; 3]) == [0.0; 3],
+            "-mm" => take_numbers(&mut after, [0.0, 1.0]) == [0.0, 1.0],
+            "-bm" | "-clamp" | "-texres" | "-type" => {
+                after = keyword(after).1;
+                true
+            }
+            "-blendu" | "-blendv" => take_word(&mut after).eq_ignore_ascii_case("on"),
+            "-boost" => take_word(&mut after).parse() == Ok(0.0),
+            "-cc" => take_word(&mut after).eq_ignore_ascii_case("off"),
+            "-colorspace" => take_word(&mut after).eq_ignore_ascii_case("srgb"),
+            "-imfchan" => matches!(take_word(&mut after), "l" | "m"),
+            _ => return None,
+        };
+        if !is_neutral {
+            let written = text[..text.len() - after.len()].trim_end();
+            self.ignored.push(written.to_owned());
+        }
+        Some(after)
+    }
+}
+
+fn take_word<'a>(rest: &mut &'a str) -> &'a str {
+    let (word, after) = keyword(rest);
+    *rest = after;
+    word
 }
 
 /// Removes one to three numbers from the front of `rest`. Returns the first two; `default` replaces
 /// missing ones.
 fn take_vector(rest: &mut &str, default: f32) -> Vec2 {
-    let mut numbers = [default; 3];
+    let [x, y, _] = take_numbers(rest, [default; 3]);
+    Vec2::new(x, y)
+}
+
+/// Removes up to N numbers from the front of `rest`; those of `numbers` replace missing ones.
+fn take_numbers<const N: usize>(rest: &mut &str, mut numbers: [f32; N]) -> [f32; N] {
     for number in &mut numbers {
         let (word, after) = keyword(rest);
         let Some(value) = finite(word) else { break };
         (*number, *rest) = (value, after);
     }
-    Vec2::new(numbers[0], numbers[1])
+    numbers
 }
 
 #[cfg(test)]
@@ -211,5 +297,41 @@ mod tests {
         assert!(materials[1].opacity() == 1.0 && materials[1].is_tr_inverted());
         assert_eq!(parsed("newmtl a\nTr 0.75").0[0].opacity(), 0.25);
         assert_eq!(parsed("newmtl a\nTr 1\nd 0").0[0].opacity(), 0.0);
+    }
+    #[test]
+    fn map_options_are_read_in_any_order() {
+        for (line, file, transform, ignored) in [
+            ("-o 0.5 0 -s 2 3 a b.png", "a b.png", [2.5, 3.0], ""),
+            ("a b.png -s 2 3 -clamp on", "a b.png", [2.0, 3.0], ""),
+            ("-s 2 a.png -o 0 0.5 # c", "a.png", [2.0, 1.5], ""),
+            ("-colorspace sRGB a.png", "a.png", [1.0; 2], ""),
+            (
+                "-colorspace linear a.png",
+                "a.png",
+                [1.0; 2],
+                "-colorspace linear",
+            ),
+            ("-bm 1 -mm 0 0.5 -t 0 a.png", "a.png", [1.0; 2], "-mm 0 0.5"),
+            ("my -s wood.png", "my -s wood.png", [1.0; 2], ""),
+            ("-unknown 3 a.png", "-unknown 3 a.png", [1.0; 2], ""),
+        ] {
+            let map = parse_map(line).expect("a file name");
+            let one = map.image_from_vertex.transform_point2(Vec2::ONE);
+            assert_eq!(
+                (map.file.as_str(), one.to_array()),
+                (file, transform),
+                "{line}"
+            );
+            assert_eq!(map.ignored_options.join(" "), ignored, "{line}");
+        }
+    }
+
+    #[test]
+    fn decimal_comma_is_named() {
+        let notes = parsed("newmtl a\nKd 0,5 0 0").1;
+        assert_eq!(
+            notes,
+            ["1 unrecognised MTL line skipped: a.mtl line 2 (decimal comma)"]
+        );
     }
 }

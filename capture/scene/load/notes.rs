@@ -7,9 +7,12 @@ use std::path::{Path, PathBuf};
 /// A kind of defect or of a choice by the loader, in the order of the summary.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Note {
+    EncodingGuessed,
     MaterialFileUnreadable,
     MaterialUndefined,
     MaterialLineUnread,
+    MaterialColorLimited,
+    MapOptionIgnored,
     TextureUnreadable,
     TextureDamaged,
     TextureRenamed,
@@ -34,6 +37,10 @@ pub(super) enum Note {
     FaceIndexOutOfRange,
     AttributeIndexOutOfRange,
     VertexNotFinite,
+    VertexColorScaled,
+    VertexColorUnread,
+    VertexColorSurplus,
+    VertexColorLimited,
     NotFinite,
     Degenerate,
     SeeThrough,
@@ -44,6 +51,11 @@ impl Note {
     /// Singular and plural of the counted noun, and what happened to it.
     fn words(self) -> [&'static str; 3] {
         match self {
+            Self::EncodingGuessed => [
+                "text file",
+                "text files",
+                "not in valid UTF-8, read in the most likely encoding",
+            ],
             Self::MaterialFileUnreadable => {
                 ["material file", "material files", "could not be read"]
             }
@@ -55,6 +67,16 @@ impl Note {
             Self::MaterialLineUnread => {
                 ["unrecognised MTL line", "unrecognised MTL lines", "skipped"]
             }
+            Self::MaterialColorLimited => [
+                "material",
+                "materials",
+                "with a diffuse colour outside 0 to 1, limited to that range",
+            ],
+            Self::MapOptionIgnored => [
+                "option of a map",
+                "options of maps",
+                "not supported and ignored",
+            ],
             Self::TextureUnreadable => ["texture", "textures", "could not be read"],
             Self::TextureDamaged => ["texture", "textures", "damaged"],
             Self::TextureRenamed => [
@@ -144,6 +166,26 @@ impl Note {
                 "vertices",
                 "with a coordinate that is NaN or infinite",
             ],
+            Self::VertexColorScaled => [
+                "vertex colour",
+                "vertex colours",
+                "divided by the value that the file has for white",
+            ],
+            Self::VertexColorUnread => [
+                "vertex colour",
+                "vertex colours",
+                "could not be read, shown as white",
+            ],
+            Self::VertexColorSurplus => [
+                "vertex colour",
+                "vertex colours",
+                "without a vertex left out",
+            ],
+            Self::VertexColorLimited => [
+                "vertex colour",
+                "vertex colours",
+                "outside 0 to 1, limited to that range",
+            ],
             Self::NotFinite => [
                 "triangle",
                 "triangles",
@@ -212,6 +254,12 @@ impl Notes {
     pub(super) fn add_named(&mut self, note: Note, name: impl Into<String>) {
         let entry = self.entries.entry(note).or_default();
         entry.count += usize::from(entry.names.insert(name.into()));
+    }
+
+    /// Adds `count` defects with a common name.
+    pub(super) fn add_to(&mut self, note: Note, count: usize, name: String) {
+        self.add(note, count);
+        self.entries.entry(note).or_default().names.insert(name);
     }
 
     /// Adds a defect with a number, such as that of its line; the first few are listed.

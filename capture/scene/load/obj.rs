@@ -15,7 +15,10 @@
 //!   diffuse scenes have no clear glass; others are opaque.
 
 use super::builder::{Builder, GroupedScene, TooManyVertices};
-use super::lines::decode;
+use super::encoding::decode_text;
+
+use super::lines::{keyword, without_comment};
+use super::material_names::MaterialNames;
 use super::mtl::{Map, MtlMaterial};
 use super::notes::{Note, Notes};
 use super::obj_prepare::{LineError, PreparedObj, prepare};
@@ -33,6 +36,9 @@ use headbox_core::memory;
 use std::collections::{HashMap, HashSet};
 use std::path::Path;
 
+/// Number of words before a file name that may be unknown options and their values.
+const MAX_UNKNOWN_WORDS: usize = 8;
+
 /// Least alpha that is not a hole; OBJ has no statement for it.
 const CUTOUT_THRESHOLD: f32 = 0.5;
 
@@ -43,14 +49,14 @@ pub(super) fn load(
     options: &LoadOptions,
     groups: bool,
 ) -> Result<GroupedScene, LoadError> {
-    let text = decode(bytes);
+    let mut notes = Notes::default();
+    let text = decode_text(bytes, &file_name(path), &mut notes);
     let obj = prepare_file(path, &text, groups)?;
     let hints = FrameHints {
         options: *options,
         comments: head_comments(&text),
         floors: obj.floors,
     };
-    let mut notes = Notes::default();
     let materials = read_libraries(&obj.libraries, folder_of(path), &mut notes);
     let builder = Builder::with_hints(hints, notes);
     let images = EmbeddedImages::new();
@@ -92,14 +98,18 @@ fn build(
     mut builder: Builder,
     groups: bool,
 ) -> Result<GroupedScene, LoadError> {
-    let models = parse(&obj.text, materials)
-        .map_err(|cause| LoadError::malformed(path, cause.to_string()))?;
     let notes = &mut builder.notes;
     notes.merge(obj.notes);
-    let is_undefined = |name: &&String| materials.iter().all(|m| m.name != **name);
-    for name in obj.used_materials.iter().filter(is_undefined) {
-        notes.add_named(Note::MaterialUndefined, name);
+    let names = MaterialNames::new(materials);
+    let mut by_name = HashMap::new();
+    for name in obj.used_materials {
+        match names.find(&name) {
+            Some(index) => _ = by_name.insert(name, index),
+            None => notes.add_named(Note::MaterialUndefined, name),
+        }
     }
+    let models =
+        parse(&obj.text, by_name).map_err(|cause| LoadError::malformed(path, cause.to_string()))?;
 
     let surfaces = ObjMaterials::new(materials, folder_of(path), images, &models, notes);
     for model in &models {
@@ -113,20 +123,14 @@ fn build(
     builder.finish(path, surfaces.materials, surfaces.textures.textures)
 }
 
-/// Parses a prepared text with `tobj`.
-fn parse(text: &str, materials: &[MtlMaterial]) -> Result<Vec<tobj::Model>, tobj::LoadError> {
+/// Parses a prepared text with `tobj`. `by_name` has the indices of the used materials.
+fn parse(text: &str, by_name: HashMap<String, usize>) -> Result<Vec<tobj::Model>, tobj::LoadError> {
     let options = tobj::LoadOptions {
         single_index: true,
         ..Default::default()
     };
-    let (models, _) = tobj::load_obj_buf(&mut text.as_bytes(), &options, |_| {
-        let by_name = |(index, m): (usize, &MtlMaterial)| (m.name.clone(), index);
-        // The later one of two materials with the same name is used.
-        Ok((
-            Vec::new(),
-            materials.iter().enumerate().map(by_name).collect(),
-        ))
-    })?;
+    let materials = |_: &Path| Ok((Vec::new(), by_name.clone().into_iter().collect()));
+    let (models, _) = tobj::load_obj_buf(&mut text.as_bytes(), &options, materials)?;
     Ok(models)
 }
 
@@ -145,7 +149,10 @@ fn read_libraries(libraries: &[String], folder: &Path, notes: &mut Notes) -> Vec
     for written in libraries {
         let names: Vec<&str> = match find_file(written, &[folder]) {
             Some(_) => vec![written],
-            None => written.split_whitespace().collect(),
+            None => without_comment(written)
+                .unwrap_or(written)
+                .split_whitespace()
+                .collect(),
         };
         for name in names {
             let found = find_file(name, &[folder]).ok_or_else(|| "no such file".to_owned());
@@ -161,13 +168,9 @@ fn read_libraries(libraries: &[String], folder: &Path, notes: &mut Notes) -> Vec
             match read {
                 Ok((path, bytes)) => {
                     notes.add_file(&path);
-                    mtl::parse(
-                        &decode(&bytes),
-                        name,
-                        folder_of(&path).to_path_buf(),
-                        &mut materials,
-                        notes,
-                    );
+                    let text = decode_text(&bytes, &file_name(&path), notes);
+                    let folder = folder_of(&path).to_path_buf();
+                    mtl::parse(&text, name, folder, &mut materials, notes);
                 }
                 Err(cause) => {
                     notes.add_named(Note::MaterialFileUnreadable, format!("{name} ({cause})"));
@@ -176,6 +179,12 @@ fn read_libraries(libraries: &[String], folder: &Path, notes: &mut Notes) -> Vec
         }
     }
     materials
+}
+
+/// Returns the name of a file without its folder.
+fn file_name(path: &Path) -> String {
+    let name = path.file_name().unwrap_or_default();
+    name.to_string_lossy().into_owned()
 }
 
 /// Converted materials in use.
@@ -328,9 +337,19 @@ fn request_maps(
 ) -> Maps {
     let folders = [m.folder.as_path(), folder];
     let mut request = |map: &Option<Map>, role| {
-        map.as_ref().map(|map| match images.get(&map.file) {
-            Some(bytes) => set.embedded(&map.file, Ok(bytes), role),
-            None => set.file(&map.file, &folders, role, notes),
+        map.as_ref().map(|map| {
+            let embedded = |name: &str| images.get(name);
+            let bytes = embedded(&map.file).or_else(|| embedded(without_comment(&map.file)?));
+            for option in &map.ignored_options {
+                notes.add_named(Note::MapOptionIgnored, option);
+            }
+            match bytes {
+                Some(bytes) => set.embedded(&map.file, Ok(bytes), role),
+                None => {
+                    let name = behind_unknown_options(&map.file, &folders, notes);
+                    set.file(name, &folders, role, notes)
+                }
+            }
         })
     };
     let diffuse = request(&m.diffuse_map, Role::Color);
@@ -344,6 +363,24 @@ fn request_maps(
         emissive: request(&m.emissive_map, Role::Color),
         dissolve,
     }
+}
+
+/// Returns the part of `written` that names a file, if it is not the whole and follows options of
+/// unknown length.
+fn behind_unknown_options<'a>(written: &'a str, folders: &[&Path], notes: &mut Notes) -> &'a str {
+    if !written.starts_with('-') || find_file(written, folders).is_some() {
+        return written;
+    }
+    let mut rest = written;
+    for _ in 0..MAX_UNKNOWN_WORDS {
+        rest = keyword(rest).1;
+        if find_file(rest, folders).is_some() {
+            let option = written[..written.len() - rest.len()].trim_end();
+            notes.add_named(Note::MapOptionIgnored, option);
+            return rest;
+        }
+    }
+    written
 }
 
 /// Converts a material; `None` for clear glass. `has_vertex_colors` makes an absent `Kd` white.
@@ -376,6 +413,10 @@ fn convert(
     } else {
         Material::default().albedo
     };
+    let albedo = specified.unwrap_or(default);
+    if albedo.iter().any(|c| !(0.0..=1.0).contains(c)) {
+        notes.add_named(Note::MaterialColorLimited, &m.name);
+    }
     let light_from_ambient = m
         .ambient
         .filter(|ka| ka.iter().any(|&c| c > 1.0) && given(m.emissive).is_none());
@@ -395,7 +436,7 @@ fn convert(
         .unwrap_or(default_emission);
     Some(Material {
         name: m.name.clone(),
-        albedo: specified.unwrap_or(default).map(|c| c.clamp(0.0, 1.0)),
+        albedo: albedo.map(|c| c.clamp(0.0, 1.0)),
         albedo_texture: diffuse.map(|slot| slot.index),
         emission: emission.map(|c| c.max(0.0)),
         emission_texture: emissive.map(|slot| slot.index),

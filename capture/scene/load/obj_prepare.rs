@@ -6,9 +6,10 @@
 //! the faces and their `usemtl` and `g` lines. Each corner of a face has absolute indices of all
 //! vertex attributes that the file has; missing ones are those of the neutral entries.
 
-use super::lines::{keyword, lines, words};
+use super::lines::{has_decimal_comma, keyword, lines, words};
 use super::notes::{Note, Notes};
 use super::orientation::AxisAreas;
+use super::vertex_colors::VertexColors;
 use glam::DVec3;
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
@@ -53,24 +54,25 @@ type Counts = [usize; 3];
 /// Prepares a text; `keep_groups` passes `g` and `o` lines on, each as a `g`.
 pub(super) fn prepare(text: &str, keep_groups: bool) -> Result<PreparedObj, LineError> {
     let mut totals = Counts::default();
-    let mut has_colors = false;
     for (_, line) in lines(text) {
-        let (word, rest) = keyword(&line);
-        count(word, &mut totals);
-        has_colors |= word == "v" && words(rest).nth(5).is_some();
+        count(keyword(&line).0, &mut totals);
     }
     let mut preparation = Preparation {
         totals,
-        has_colors,
         keep_groups,
         ..Preparation::default()
     };
     for (number, line) in lines(text) {
         preparation.add_line(number, &line).map_err(|expected| {
             let shown: String = line.chars().take(80).collect();
+            let hint = if has_decimal_comma(&line) {
+                "; it has a decimal comma: write 0.5 for 0,5"
+            } else {
+                ""
+            };
             LineError {
                 line: number,
-                cause: format!("\"{shown}\" is not {expected}"),
+                cause: format!("\"{shown}\" is not {expected}{hint}"),
             }
         })?;
     }
@@ -91,12 +93,13 @@ fn count(keyword: &str, counts: &mut Counts) {
 #[derive(Default)]
 struct Preparation {
     totals: Counts,
-    has_colors: bool,
     keep_groups: bool,
     /// Vertex lines so far, for relative indices.
     counts: Counts,
     positions: Vec<DVec3>,
-    vertices: String,
+    colors: VertexColors,
+    /// `vt` and `vn` lines.
+    attributes: String,
     faces: String,
     group_is_floor: bool,
     material_is_floor: bool,
@@ -116,11 +119,11 @@ impl Preparation {
                 // The second coordinate may be absent.
                 let [u, v] =
                     numbers(words(rest).chain(["0"])).ok_or("a texture coordinate: two numbers")?;
-                write_line(&mut self.vertices, format_args!("vt {u} {v}"));
+                write_line(&mut self.attributes, format_args!("vt {u} {v}"));
             }
             "vn" => {
                 let [x, y, z] = numbers(words(rest)).ok_or("a normal: three numbers")?;
-                write_line(&mut self.vertices, format_args!("vn {x} {y} {z}"));
+                write_line(&mut self.attributes, format_args!("vn {x} {y} {z}"));
             }
             "f" | "fo" => self.add_face(rest)?,
             "usemtl" => self.use_material(rest),
@@ -130,6 +133,7 @@ impl Preparation {
             "g" if rest == "default" => {}
             "g" => self.begin_group('g', rest),
             "l" | "p" | "curv" | "curv2" | "surf" => self.obj.notes.add(Note::NonTriangles, 1),
+            "#MRGB" => self.colors.add_polypaint(rest),
             word if word.is_empty() || word.starts_with('#') => {}
             word if IGNORED.split_whitespace().any(|known| known == word) => {}
             _ => self.obj.notes.add(Note::LineUnread, 1),
@@ -145,18 +149,10 @@ impl Preparation {
                 .notes
                 .add_numbered(Note::VertexNotFinite, "line", line);
         }
+        // Fewer than three more numbers are a weight.
+        let color = words(rest).nth(5).map(|_| numbers(words(rest).skip(3)));
+        self.colors.add_vertex(color);
         self.positions.push(position);
-        // `tobj` needs a colour for each vertex or none; a single number is a weight.
-        let color = numbers(words(rest).skip(3)).unwrap_or([1.0; 3]);
-        if self.has_colors {
-            let [r, g, b] = color;
-            write_line(
-                &mut self.vertices,
-                format_args!("v {x} {y} {z} {r} {g} {b}"),
-            );
-        } else {
-            write_line(&mut self.vertices, format_args!("v {x} {y} {z}"));
-        }
         Ok(())
     }
 
@@ -251,7 +247,18 @@ impl Preparation {
 
     fn finish(mut self) -> PreparedObj {
         self.count_empty_group(None);
-        let mut text = "mtllib all\n".to_owned() + &self.vertices;
+        let colors = self.colors.finish(&mut self.obj.notes);
+        let mut text = "mtllib all\n".to_owned();
+        for (i, DVec3 { x, y, z }) in self.positions.iter().enumerate() {
+            // `tobj` needs a colour for each vertex or none.
+            match colors.get(i) {
+                Some([r, g, b]) => {
+                    write_line(&mut text, format_args!("v {x} {y} {z} {r} {g} {b}"));
+                }
+                None => write_line(&mut text, format_args!("v {x} {y} {z}")),
+            }
+        }
+        text += &self.attributes;
         if self.totals[1] > 0 {
             text += "vt 0 0\n";
         }

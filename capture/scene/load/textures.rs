@@ -1,5 +1,7 @@
 //! Texture files: search, decoding and sharing.
 
+use super::encoding::{respellings, spellings_of_file};
+use super::lines::without_comment;
 use super::notes::{Note, Notes};
 use crate::material::Texture;
 use headbox_core::color::srgb8_from_linear;
@@ -7,7 +9,7 @@ use headbox_core::image::codec::{self, PictureError};
 use image::DynamicImage;
 use rayon::prelude::*;
 use std::borrow::Cow;
-use std::collections::HashMap;
+use std::collections::{BTreeSet, HashMap};
 use std::fs;
 use std::path::{Component, Path, PathBuf};
 
@@ -249,9 +251,14 @@ pub(super) struct FoundFile {
 }
 
 /// Finds the file that a scene file calls `written` in one of the `folders`: as it is written; then
-/// without its drive and ignoring case; then by its last component alone, because some programs
-/// write absolute paths of their machine. Quotes are removed; backslashes are separators, too.
+/// without its drive, ignoring case and in other encodings; then by its last component alone,
+/// because some programs write absolute paths of their machine. Quotes are removed; backslashes are
+/// separators, too. If there is none, the name may end before a comment.
 pub(super) fn find_file(written: &str, folders: &[&Path]) -> Option<FoundFile> {
+    find_named(written, folders).or_else(|| find_named(without_comment(written)?, folders))
+}
+
+fn find_named(written: &str, folders: &[&Path]) -> Option<FoundFile> {
     let clean = written.trim().trim_matches('"').replace('\\', "/");
     if clean.is_empty() {
         return None;
@@ -284,8 +291,8 @@ pub(super) fn find_file(written: &str, folders: &[&Path]) -> Option<FoundFile> {
     })
 }
 
-/// Finds `folder/relative`; a component without an exact match is matched ignoring case (the first
-/// in alphabetical order).
+/// Finds `folder/relative`; a component without an exact match is matched ignoring case and in
+/// other encodings (the first in alphabetical order).
 fn find_ignoring_case(folder: &Path, relative: &Path) -> Option<PathBuf> {
     let mut path = folder.to_path_buf();
     for component in relative.components() {
@@ -294,7 +301,12 @@ fn find_ignoring_case(folder: &Path, relative: &Path) -> Option<PathBuf> {
             path = exact;
             continue;
         }
-        let wanted = component.as_os_str().to_string_lossy().to_lowercase();
+        let written = component.as_os_str().to_string_lossy();
+        let mut wanted: BTreeSet<String> = respellings(&written)
+            .iter()
+            .map(|name| name.to_lowercase())
+            .collect();
+        wanted.insert(written.to_lowercase());
         let listing = if path.as_os_str().is_empty() {
             fs::read_dir(".")
         } else {
@@ -306,7 +318,7 @@ fn find_ignoring_case(folder: &Path, relative: &Path) -> Option<PathBuf> {
             .map(|entry| entry.file_name());
         path.push(
             names
-                .filter(|name| name.to_string_lossy().to_lowercase() == wanted)
+                .filter(|name| !spellings_of_file(name).is_disjoint(&wanted))
                 .min()?,
         );
     }
