@@ -3,12 +3,16 @@
 use glam::Vec4;
 use headbox_core::color::linear_levels;
 use headbox_core::image::texels::bilinear;
+use serde::{Deserialize, Serialize};
+use std::sync::Arc;
 
-/// Cut-out: the surface has holes where the alpha of `texture` is below `threshold`.
+/// Cut-out: the surface has holes where the alpha of `texture` times the opacity of the vertices
+/// ([`crate::scene::Scene::opacities`]) is below `threshold`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cutout {
-    /// Index into [`crate::scene::Scene::textures`]; its alpha channel is tested.
-    pub texture: u32,
+    /// Index into [`crate::scene::Scene::textures`] of the texture whose alpha channel is tested;
+    /// without one its alpha is 1.
+    pub texture: Option<u32>,
     /// Least alpha of the opaque part.
     pub threshold: f32,
 }
@@ -24,7 +28,7 @@ pub struct Gloss {
     pub exponent: f32,
 }
 
-/// A two-sided diffuse material with optional gloss. Only truth and the cameras of lumigraphs
+/// A diffuse material with optional gloss; two-sided unless it says otherwise. Only truth and the cameras of lumigraphs
 /// render the gloss; representations with one colour per sample, such as a cube LDI, omit it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Material {
@@ -42,6 +46,10 @@ pub struct Material {
     pub gloss: Option<Gloss>,
     /// Cut-out, if any.
     pub cutout: Option<Cutout>,
+    /// True if the surface is absent for every ray that meets its back, whether the ray belongs to
+    /// a camera or to light: what a point sees of it is also what keeps light from that point. It
+    /// emits light only from its front.
+    pub single_sided: bool,
 }
 
 impl Default for Material {
@@ -54,17 +62,81 @@ impl Default for Material {
             emission_texture: None,
             gloss: None,
             cutout: None,
+            single_sided: false,
         }
     }
 }
 
-/// An image that repeats in both directions. Texture coordinate (0, 0) is the **bottom** left
+/// Continuation of a texture beyond its edges along an axis.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub enum Wrap {
+    /// The texture repeats.
+    #[default]
+    Repeat,
+    /// The texture repeats, every other time mirrored.
+    Mirror,
+    /// The texels at the edge continue.
+    Clamp,
+}
+
+/// Wrapping and interpolation of a texture.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub struct Sampler {
+    /// Wrapping along columns and along rows.
+    pub wrap: [Wrap; 2],
+    /// True if a sample is the nearest texel, false if it is interpolated between four.
+    pub nearest: bool,
+}
+
+impl Sampler {
+    /// Returns the two texels of `size` along an axis between which the texture coordinate `t` lies
+    /// (0 is the left or upper edge), and the weight of the second. `axis` is 0 along columns, 1
+    /// along rows.
+    pub fn neighbours(self, axis: usize, t: f32, size: u32) -> (usize, usize, f32) {
+        let wrap = self.wrap[axis % 2];
+        if !self.nearest && wrap == Wrap::Repeat {
+            return neighbours(t, size);
+        }
+        let x = if t.is_finite() { t * size as f32 } else { 0.0 };
+        if self.nearest {
+            let texel = wrap.texel(floor(x), size);
+            return (texel, texel, 0.0);
+        }
+        let first = floor(x - 0.5);
+        let weight = (x - 0.5 - first).clamp(0.0, 1.0);
+        (
+            wrap.texel(first, size),
+            wrap.texel(first + 1.0, size),
+            weight,
+        )
+    }
+}
+
+impl Wrap {
+    /// Returns the texel at a whole number of texels from the first.
+    fn texel(self, at: f32, size: u32) -> usize {
+        let (at, size) = (at as i64, i64::from(size));
+        let texel = match self {
+            Self::Repeat => at.rem_euclid(size),
+            Self::Mirror => {
+                let in_period = at.rem_euclid(2 * size);
+                in_period.min(2 * size - 1 - in_period)
+            }
+            Self::Clamp => at.clamp(0, size - 1),
+        };
+        texel as usize
+    }
+}
+
+/// An image with its sampler; it repeats in both directions by default. Copies share the texels.
+/// Texture coordinate (0, 0) is the **bottom** left
 /// corner of the image (as in OBJ; the glTF loader flips); row 0 of `texels` is the top row.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Texture {
     width: u32,
     height: u32,
-    texels: Vec<[u8; 4]>,
+    sampler: Sampler,
+    texels: Arc<Vec<[u8; 4]>>,
 }
 
 impl Texture {
@@ -75,8 +147,22 @@ impl Texture {
         (count > 0 && texels.len() == count).then_some(Self {
             width,
             height,
-            texels,
+            sampler: Sampler::default(),
+            texels: Arc::new(texels),
         })
+    }
+
+    /// Returns the same image with another sampler; both share the texels.
+    pub fn with_sampler(&self, sampler: Sampler) -> Self {
+        Self {
+            sampler,
+            ..self.clone()
+        }
+    }
+
+    /// Returns true if both are the same image in memory.
+    pub fn shares_texels(&self, other: &Self) -> bool {
+        Arc::ptr_eq(&self.texels, &other.texels)
     }
 
     /// Creates a texture from a function of column and row: `texel(x, y)` is sRGB with straight
@@ -90,8 +176,14 @@ impl Texture {
         Self {
             width,
             height,
-            texels,
+            sampler: Sampler::default(),
+            texels: Arc::new(texels),
         }
+    }
+
+    /// Wrapping and interpolation.
+    pub fn sampler(&self) -> Sampler {
+        self.sampler
     }
 
     /// Width in texels.
@@ -109,10 +201,24 @@ impl Texture {
         &self.texels
     }
 
-    /// Samples bilinearly: linear RGB and straight alpha.
+    /// Samples by the sampler: linear RGB and straight alpha.
     pub fn sample(&self, u: f32, v: f32) -> [f32; 4] {
-        let ((x0, x1, fx), (y0, y1, fy)) =
-            (neighbours(u, self.width), neighbours(1.0 - v, self.height));
+        if self.sampler != Sampler::default() {
+            return self.sample_between(
+                self.sampler.neighbours(0, u, self.width),
+                self.sampler.neighbours(1, 1.0 - v, self.height),
+            );
+        }
+        self.sample_between(neighbours(u, self.width), neighbours(1.0 - v, self.height))
+    }
+
+    /// Interpolates between two columns and two rows, each with the weight of the second.
+    #[inline(always)]
+    fn sample_between(
+        &self,
+        (x0, x1, fx): (usize, usize, f32),
+        (y0, y1, fy): (usize, usize, f32),
+    ) -> [f32; 4] {
         let (linear, width) = (linear_levels(), self.width as usize);
         let (above, below) = (y0 * width, y1 * width);
         let four = [
@@ -198,5 +304,49 @@ mod tests {
         );
         assert!(Texture::new(0, 0, vec![]).is_none());
         assert!(Texture::new(2, 1, vec![[0; 4]]).is_none());
+    }
+
+    #[test]
+    fn samplers_wrap_each_axis_and_interpolate_or_not() {
+        let texture = Texture::new(2, 1, vec![[255, 0, 0, 255], [0, 0, 255, 51]]).expect("2x1");
+        let reds = |wrap: Wrap, nearest: bool| {
+            let sampler = Sampler {
+                wrap: [wrap, Wrap::Repeat],
+                nearest,
+            };
+            let texture = texture.with_sampler(sampler);
+            // Texel centres from one period before to two behind.
+            let centres = [-0.75, -0.25, 0.25, 0.75, 1.25, 1.75, 2.25, 2.75];
+            centres.map(|u| texture.sample(u, 7.5)[0])
+        };
+        for nearest in [true, false] {
+            let clamped = [1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+            assert_eq!(reds(Wrap::Clamp, nearest), clamped);
+            let mirrored = [0.0, 1.0, 1.0, 0.0, 0.0, 1.0, 1.0, 0.0];
+            assert_eq!(reds(Wrap::Mirror, nearest), mirrored);
+            let repeated = [1.0, 0.0, 1.0, 0.0, 1.0, 0.0, 1.0, 0.0];
+            assert_eq!(reds(Wrap::Repeat, nearest), repeated);
+        }
+        let at = |sampler: Sampler, u: f32| texture.with_sampler(sampler).sample(u, 0.5);
+        let nearest = Sampler {
+            nearest: true,
+            ..Sampler::default()
+        };
+        assert_eq!(at(nearest, 0.49), [1.0, 0.0, 0.0, 1.0]);
+        assert_eq!(at(nearest, 0.51)[3], 0.2, "alpha is sampled likewise");
+        let clamp = Sampler {
+            wrap: [Wrap::Clamp; 2],
+            nearest: false,
+        };
+        assert_eq!(
+            at(clamp, 0.0),
+            [1.0, 0.0, 0.0, 1.0],
+            "no colour of the other edge"
+        );
+        assert_eq!(at(clamp, 0.5)[0], 0.5);
+        for u in [f32::NAN, f32::INFINITY, 1e30, -1e30] {
+            assert!(at(clamp, u)[0].is_finite() && at(nearest, u)[0].is_finite());
+        }
+        assert!(texture.with_sampler(clamp).shares_texels(&texture));
     }
 }

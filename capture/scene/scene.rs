@@ -3,7 +3,7 @@
 
 pub use crate::lights::{Lamp, Reach, Sky, SkyGradient, Sun};
 pub use crate::sky_picture::{SkyError, SkyPicture};
-pub use crate::surface::{Paint, Surface};
+pub use crate::surface::{Paint, Surface, opacity_at};
 pub use headbox_core::color::exposure::Exposure;
 pub use headbox_core::color::tone::ToneMap;
 pub use headbox_core::file_frame::{FileFrame, UpAxis};
@@ -31,8 +31,12 @@ pub struct Vertex {
     pub normal: Vec3,
     /// Texture coordinate, (0, 0) at the bottom left.
     pub texcoord: Vec2,
+    /// Texture coordinate of the emission texture, likewise.
+    pub emission_texcoord: Vec2,
     /// Linear RGB that multiplies the albedo.
     pub color: Vec3,
+    /// Opacity, 0 to 1, that multiplies the alpha of cut-outs.
+    pub opacity: f32,
 }
 
 /// Problems that a loader worked around; empty for a clean file.
@@ -47,8 +51,8 @@ pub struct LoadSummary {
 /// A scene: every array in the world frame (metres, Y up), positions in `f64`.
 ///
 /// Invariants, kept by every loader and generator (see [`Scene::validate`]): indices are in range;
-/// positions are finite; there is at least one triangle; `normals`, `texcoords` and `colors` are
-/// empty or as long as `positions`.
+/// positions are finite; there is at least one triangle; the other arrays of vertices are empty or
+/// as long as `positions`.
 #[derive(Clone, Debug, Default)]
 pub struct Scene {
     /// Name in messages and reports.
@@ -59,8 +63,12 @@ pub struct Scene {
     pub normals: Vec<Vec3>,
     /// Texture coordinates, (0, 0) at the bottom left, or empty.
     pub texcoords: Vec<Vec2>,
+    /// Texture coordinates of emission textures, or empty if they are `texcoords`.
+    pub emission_texcoords: Vec<Vec2>,
     /// Linear RGB vertex colours that multiply the albedo, or empty.
     pub colors: Vec<Vec3>,
+    /// Opacities, 0 to 1, that multiply the alpha of cut-outs, or empty.
+    pub opacities: Vec<f32>,
     /// Triangles.
     pub triangles: Vec<Triangle>,
     /// Materials; never empty.
@@ -146,11 +154,20 @@ impl Scene {
             size_of_val(&self.positions[..]),
             size_of_val(&self.normals[..]),
             size_of_val(&self.texcoords[..]),
+            size_of_val(&self.emission_texcoords[..]),
             size_of_val(&self.colors[..]),
+            size_of_val(&self.opacities[..]),
             size_of_val(&self.triangles[..]),
         ];
-        let textures = self.textures.iter();
-        let texels: usize = textures.map(|texture| size_of_val(texture.texels())).sum();
+        // Copies with another sampler share the texels of an earlier texture.
+        let is_first = |i: usize| {
+            let mut earlier = self.textures[..i].iter();
+            !earlier.any(|texture| texture.shares_texels(&self.textures[i]))
+        };
+        let textures = (0..self.textures.len()).filter(|&i| is_first(i));
+        let texels: usize = textures
+            .map(|i| size_of_val(self.textures[i].texels()))
+            .sum();
         (arrays.iter().sum::<usize>() + texels) as u64
     }
 
@@ -163,7 +180,9 @@ impl Scene {
         let arrays = [
             ("normals", self.normals.len()),
             ("texcoords", self.texcoords.len()),
+            ("emission texcoords", self.emission_texcoords.len()),
             ("colors", self.colors.len()),
+            ("opacities", self.opacities.len()),
         ];
         for (array, length) in arrays {
             if length != 0 && length != positions {
@@ -193,7 +212,7 @@ impl Scene {
             let used = [
                 m.albedo_texture,
                 m.emission_texture,
-                m.cutout.map(|cutout| cutout.texture),
+                m.cutout.and_then(|cutout| cutout.texture),
             ];
             if let Some(texture) = used
                 .into_iter()
@@ -238,11 +257,18 @@ impl Scene {
     /// Returns a vertex, with neutral values of the attributes that the scene does not have.
     pub fn vertex(&self, index: u32) -> Vertex {
         let index = index as usize;
+        let texcoord = self.texcoords.get(index).copied().unwrap_or(Vec2::ZERO);
         Vertex {
             position: self.positions[index],
             normal: self.normals.get(index).copied().unwrap_or(Vec3::ZERO),
-            texcoord: self.texcoords.get(index).copied().unwrap_or(Vec2::ZERO),
+            texcoord,
+            emission_texcoord: self
+                .emission_texcoords
+                .get(index)
+                .copied()
+                .unwrap_or(texcoord),
             color: self.colors.get(index).copied().unwrap_or(Vec3::ONE),
+            opacity: self.opacities.get(index).copied().unwrap_or(1.0),
         }
     }
 
@@ -255,8 +281,14 @@ impl Scene {
         if !self.texcoords.is_empty() {
             self.texcoords.push(vertex.texcoord);
         }
+        if !self.emission_texcoords.is_empty() {
+            self.emission_texcoords.push(vertex.emission_texcoord);
+        }
         if !self.colors.is_empty() {
             self.colors.push(vertex.color);
+        }
+        if !self.opacities.is_empty() {
+            self.opacities.push(vertex.opacity);
         }
         self.positions.len() as u32 - 1
     }

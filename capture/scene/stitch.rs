@@ -56,7 +56,9 @@ impl Scene {
             position,
             normal,
             texcoord: a.texcoord.lerp(b.texcoord, share),
+            emission_texcoord: a.emission_texcoord.lerp(b.emission_texcoord, share),
             color: a.color.lerp(b.color, share),
+            opacity: a.opacity + (b.opacity - a.opacity) * share,
         })
     }
 }

@@ -67,8 +67,11 @@ impl Scene {
             return [0.0; 3];
         }
         let texel = self
-            .paint(primitive)
-            .texel(self.emission_texture(primitive), [1.0 - u - v, u, v]);
+            .emission_texture(primitive)
+            .map_or(Vec3::ONE, |texture| {
+                let corners = self.emission_texcoords(primitive);
+                texel(texture, at_weights(corners, [1.0 - u - v, u, v]))
+            });
         (Vec3::from(material.emission) * texel)
             .max(Vec3::ZERO)
             .into()
@@ -83,6 +86,24 @@ impl Scene {
         self.textures.get(index as usize)
     }
 
+    /// Texture coordinates of the emission texture at the corners of triangle `primitive`.
+    fn emission_texcoords(&self, primitive: u32) -> [Vec2; 3] {
+        let texcoords = if self.emission_texcoords.is_empty() {
+            &self.texcoords
+        } else {
+            &self.emission_texcoords
+        };
+        let corners = self.triangles[primitive as usize].vertices;
+        corners.map(|c| texcoords.get(c as usize).copied().unwrap_or(Vec2::ZERO))
+    }
+
+    /// Texture coordinate of the emission texture at barycentric weights `u` and `v` of triangle
+    /// `primitive`, in texels of `texture`, not wrapped.
+    pub fn emission_texel_at(&self, primitive: u32, texture: &Texture, [u, v]: [f32; 2]) -> Vec2 {
+        let corners = self.emission_texcoords(primitive);
+        at_weights(corners, [1.0 - u - v, u, v]) * texture_size(texture)
+    }
+
     /// Mean [`Surface::emission`] of a triangle over points one texel apart, or a 32nd of its
     /// longest side if that is more.
     pub fn mean_emission(&self, primitive: u32) -> [f32; 3] {
@@ -90,9 +111,8 @@ impl Scene {
         let Some(texture) = self.emission_texture(primitive) else {
             return self.emission(primitive, 1.0 / 3.0, 1.0 / 3.0);
         };
-        let paint = self.paint(primitive);
-        let [a, b, c] =
-            [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]].map(|weights| paint.texel_at(texture, weights));
+        let [a, b, c] = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]
+            .map(|weights| self.emission_texel_at(primitive, texture, weights));
         let longest = [b - a, c - a, c - b]
             .map(|edge| edge.abs().max_element())
             .into_iter()
@@ -129,9 +149,11 @@ impl Scene {
                 corners.map(|c| self.texcoords[c])
             },
             texture: material.albedo_texture.map(texture),
-            cutout: material
-                .cutout
-                .map(|cutout| (texture(cutout.texture), cutout.threshold)),
+            cutout: material.cutout.map(|cutout| AlphaTest {
+                texture: cutout.texture.map(texture),
+                opacities: corners.map(|c| self.opacities.get(c).copied().unwrap_or(1.0)),
+                threshold: cutout.threshold,
+            }),
         }
     }
 
@@ -159,7 +181,14 @@ pub struct Paint<'a> {
     colors: Option<[Vec3; 3]>,
     texcoords: [Vec2; 3],
     texture: Option<&'a Texture>,
-    cutout: Option<(&'a Texture, f32)>,
+    cutout: Option<AlphaTest<'a>>,
+}
+
+/// Cut-out of a triangle.
+struct AlphaTest<'a> {
+    texture: Option<&'a Texture>,
+    opacities: [f32; 3],
+    threshold: f32,
 }
 
 impl Paint<'_> {
@@ -170,8 +199,7 @@ impl Paint<'_> {
 
     /// Texture coordinate at the given weights in texels of `texture`, not wrapped.
     pub fn texel_at(&self, texture: &Texture, [u, v]: [f32; 2]) -> Vec2 {
-        Vec2::from(self.texcoord([1.0 - u - v, u, v]))
-            * Vec2::new(texture.width() as f32, texture.height() as f32)
+        at_weights(self.texcoords, [1.0 - u - v, u, v]) * texture_size(texture)
     }
 
     /// Same as [`Surface::albedo`].
@@ -181,7 +209,10 @@ impl Paint<'_> {
         let color = self
             .colors
             .map_or(Vec3::ONE, |colors| blend(colors, weights));
-        (self.albedo * self.texel(self.texture, weights) * color)
+        let texel = self.texture.map_or(Vec3::ONE, |texture| {
+            texel(texture, at_weights(self.texcoords, weights))
+        });
+        (self.albedo * texel * color)
             .clamp(Vec3::ZERO, Vec3::ONE)
             .into()
     }
@@ -189,26 +220,38 @@ impl Paint<'_> {
     /// Same as [`Scene::is_solid`].
     #[inline]
     pub fn is_solid(&self, u: f32, v: f32) -> bool {
-        self.cutout.is_none_or(|(texture, threshold)| {
-            let [s, t] = self.texcoord([1.0 - u - v, u, v]);
-            texture.sample(s, t)[3] >= threshold
+        self.cutout.as_ref().is_none_or(|cutout| {
+            let weights = [1.0 - u - v, u, v];
+            let alpha = cutout.texture.map_or(1.0, |texture| {
+                let at = at_weights(self.texcoords, weights);
+                texture.sample(at.x, at.y)[3]
+            });
+            alpha * opacity_at(cutout.opacities, weights) >= cutout.threshold
         })
     }
+}
 
-    /// Colour of a texture at the given weights of the three corners; white without a texture.
-    fn texel(&self, texture: Option<&Texture>, weights: [f32; 3]) -> Vec3 {
-        let Some(texture) = texture else {
-            return Vec3::ONE;
-        };
-        let [s, t] = self.texcoord(weights);
-        let [r, g, b, _alpha] = texture.sample(s, t);
-        Vec3::new(r, g, b)
+/// Opacity of a surface at the given weights of its corners; exactly 1 if it is 1 at all corners.
+pub fn opacity_at([a, b, c]: [f32; 3], weights: [f32; 3]) -> f32 {
+    // The weights do not add up to exactly 1.
+    if [a, b, c] == [1.0; 3] {
+        return 1.0;
     }
+    a * weights[0] + b * weights[1] + c * weights[2]
+}
 
-    fn texcoord(&self, weights: [f32; 3]) -> [f32; 2] {
-        let [a, b, c] = self.texcoords;
-        (a * weights[0] + b * weights[1] + c * weights[2]).into()
-    }
+/// Colour of a texture at a texture coordinate.
+fn texel(texture: &Texture, at: Vec2) -> Vec3 {
+    let [r, g, b, _alpha] = texture.sample(at.x, at.y);
+    Vec3::new(r, g, b)
+}
+
+fn at_weights([a, b, c]: [Vec2; 3], weights: [f32; 3]) -> Vec2 {
+    a * weights[0] + b * weights[1] + c * weights[2]
+}
+
+fn texture_size(texture: &Texture) -> Vec2 {
+    Vec2::new(texture.width() as f32, texture.height() as f32)
 }
 
 fn blend([a, b, c]: [Vec3; 3], weights: [f32; 3]) -> Vec3 {
@@ -247,7 +290,7 @@ mod tests {
                 emission_texture: Some(0),
                 gloss: None,
                 cutout: Some(Cutout {
-                    texture: 0,
+                    texture: Some(0),
                     threshold: 0.5,
                 }),
                 ..Material::default()
@@ -270,6 +313,25 @@ mod tests {
             "the weight v belongs to vertex 2"
         );
         assert!(scene.is_solid(0, 0.5, 0.0) && !scene.is_solid(0, 0.0, 1.0));
+
+        scene.opacities = vec![1.0, 0.4, 1.0];
+        assert!(scene.is_solid(0, 0.4, 0.0) && !scene.is_solid(0, 0.9, 0.0));
+        scene.materials[0].cutout = Some(Cutout {
+            texture: None,
+            threshold: 0.5,
+        });
+        assert!(
+            scene.is_solid(0, 0.0, 1.0),
+            "the texture's alpha is not tested"
+        );
+        assert!(!scene.is_solid(0, 0.9, 0.0));
+
+        scene.emission_texcoords = vec![Vec2::new(0.75, 0.5); 3];
+        assert_eq!(
+            scene.surface(0, 0.5, 0.0).emission,
+            [0.0, 3.0, 0.0],
+            "the emission texture has its own coordinates"
+        );
 
         scene.colors = vec![Vec3::splat(0.5), Vec3::splat(9.0), Vec3::ONE];
         assert_eq!(scene.surface(0, 0.0, 0.0).albedo, [0.25, 0.0, 0.0]);

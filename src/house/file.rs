@@ -6,7 +6,11 @@
 //! the sky is an image, and a section per backdrop, `c` and its number: a cube's environment,
 //! segments and plane textures, or textures.
 //!
-//! Version 2 is for houses with plane textures; others are written as version 1.
+//! If vertices have them, there are also `emission_texcoords` and `opacities` (f32).
+//!
+//! Version 2 is for houses with plane textures, version 3 for houses with samplers other than the
+//! default one, emission texture coordinates, opacities or single-sided materials; others are
+//! written as version 1.
 
 use super::backdrop::{
     Backdrop, BackdropKind, BackdropQuality, PortalSide, PortalSprite, TextureSet,
@@ -20,7 +24,7 @@ use headbox_core::headbox::Headbox;
 use headbox_cube::pack::CubeLdi;
 use headbox_cube::pack::file::CubeHeader;
 use headbox_model::{Cell, Portal, PortalModel, Prism};
-use headbox_scene::material::{Cutout, Material, Texture};
+use headbox_scene::material::{Cutout, Material, Sampler, Texture};
 use headbox_scene::scene::{Scene, Sky, SkyGradient, SkyPicture, Sun, Triangle};
 use headbox_sprite::{SpriteHeader, SpriteWithDepth};
 use serde::{Deserialize, Serialize};
@@ -64,8 +68,15 @@ struct HouseHeader {
     texcoords: usize,
     colors: usize,
     triangles: usize,
+    #[serde(default, skip_serializing_if = "is_zero")]
+    emission_texcoords: usize,
+    #[serde(default, skip_serializing_if = "is_zero")]
+    opacities: usize,
     /// Width and height of each texture.
     textures: Vec<[u32; 2]>,
+    /// Sampler of each texture; empty if all have the default one.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    samplers: Vec<Sampler>,
     materials: Vec<MaterialRecord>,
     cells: Vec<CellRecord>,
     portals: Vec<PortalRecord>,
@@ -81,7 +92,22 @@ struct MaterialRecord {
     albedo_texture: Option<u32>,
     emission: [f32; 3],
     emission_texture: Option<u32>,
-    cutout: Option<(u32, f32)>,
+    cutout: Option<(Option<u32>, f32)>,
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    single_sided: bool,
+}
+
+fn is_zero(count: &usize) -> bool {
+    *count == 0
+}
+
+/// Returns true if a scene needs version 3.
+fn needs_version_3(scene: &Scene) -> bool {
+    let is_plain = |texture: &Texture| texture.sampler() == Sampler::default();
+    !scene.emission_texcoords.is_empty()
+        || !scene.opacities.is_empty()
+        || !scene.textures.iter().all(is_plain)
+        || scene.materials.iter().any(|m| m.single_sided)
 }
 
 #[derive(Serialize, Deserialize)]
@@ -127,7 +153,9 @@ pub fn write(
     let names: Vec<String> = (0..captures.len()).map(section_name).collect();
     let scene: &Scene = house.scene();
     let header = create_header(house, quality, &captures);
-    let version = if captures.iter().any(|(_, backdrop)| backdrop.has_planes()) {
+    let version = if needs_version_3(scene) {
+        3
+    } else if captures.iter().any(|(_, backdrop)| backdrop.has_planes()) {
         2
     } else {
         1
@@ -141,6 +169,12 @@ pub fn write(
     write_array(&mut writer, "normals", &scene.normals);
     write_array(&mut writer, "texcoords", &scene.texcoords);
     write_array(&mut writer, "colors", &scene.colors);
+    if !scene.emission_texcoords.is_empty() {
+        write_array(&mut writer, "emission_texcoords", &scene.emission_texcoords);
+    }
+    if !scene.opacities.is_empty() {
+        write_array(&mut writer, "opacities", &scene.opacities);
+    }
     writer.section("triangles", || {
         let numbers = |t: &Triangle| [t.vertices[0], t.vertices[1], t.vertices[2], t.material];
         let triangles: Vec<_> = scene.triangles.iter().map(numbers).collect();
@@ -219,6 +253,7 @@ fn create_header(
         emission: m.emission,
         emission_texture: m.emission_texture,
         cutout: m.cutout.map(|cutout| (cutout.texture, cutout.threshold)),
+        single_sided: m.single_sided,
     };
     let cell = |cell: &Cell| CellRecord {
         name: cell.name.clone(),
@@ -268,6 +303,13 @@ fn create_header(
         texcoords: scene.texcoords.len(),
         colors: scene.colors.len(),
         triangles: scene.triangles.len(),
+        emission_texcoords: scene.emission_texcoords.len(),
+        opacities: scene.opacities.len(),
+        samplers: if needs_version_3(scene) {
+            scene.textures.iter().map(Texture::sampler).collect()
+        } else {
+            Vec::new()
+        },
         textures: scene
             .textures
             .iter()
@@ -301,6 +343,18 @@ fn read_array<T: bytemuck::Pod>(
     let values = section.array(count)?;
     section.end()?;
     Ok(values)
+}
+
+/// Reads a section of one array that files have only if it is not empty.
+fn read_rare_array<T: bytemuck::Pod>(
+    file: &Container,
+    name: &str,
+    count: usize,
+) -> Result<Vec<T>, FileError> {
+    if count == 0 {
+        return Ok(Vec::new());
+    }
+    read_array(file, name, count)
 }
 
 fn read_sky(
@@ -352,11 +406,16 @@ fn read_model(
         cutout: m
             .cutout
             .map(|(texture, threshold)| Cutout { texture, threshold }),
+        single_sided: m.single_sided,
     };
     let mut texels = file.section("texels")?;
+    let mut samplers = header.samplers.iter();
     let textures = header.textures.iter().map(|&[width, height]| {
+        let sampler = samplers.next().copied().unwrap_or_default();
         let texels = texels.array((width as usize).saturating_mul(height as usize))?;
-        Texture::new(width, height, texels).ok_or_else(|| {
+        let texture = Texture::new(width, height, texels);
+        let texture = texture.map(|texture| texture.with_sampler(sampler));
+        texture.ok_or_else(|| {
             info.damaged(
                 "textures of at least one texel",
                 format!("{width}x{height}"),
@@ -383,6 +442,8 @@ fn read_model(
         normals: read_array(file, "normals", header.normals)?,
         texcoords: read_array(file, "texcoords", header.texcoords)?,
         colors: read_array(file, "colors", header.colors)?,
+        emission_texcoords: read_rare_array(file, "emission_texcoords", header.emission_texcoords)?,
+        opacities: read_rare_array(file, "opacities", header.opacities)?,
         triangles: read_array(file, "triangles", count)?
             .into_iter()
             .map(triangle)

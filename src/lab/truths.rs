@@ -196,6 +196,8 @@ fn hash_scene(scene: &Scene, hash: &mut DefaultHasher) {
     vectors(hash, &scene.normals);
     vectors(hash, &scene.colors);
     hash.write(bytemuck::cast_slice(&scene.texcoords));
+    hash.write(bytemuck::cast_slice(&scene.emission_texcoords));
+    hash.write(bytemuck::cast_slice(&scene.opacities));
     for triangle in &scene.triangles {
         hash.write(bytemuck::cast_slice(&triangle.vertices));
         hash.write_u32(triangle.material);
@@ -208,6 +210,7 @@ fn hash_scene(scene: &Scene, hash: &mut DefaultHasher) {
             .iter()
             .for_each(|side| hash.write_u32(*side));
         hash.write(bytemuck::cast_slice(texture.texels()));
+        hash.write(format!("{:?}", texture.sampler()).as_bytes());
     }
     hash.write(
         format!(

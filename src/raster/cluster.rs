@@ -2,7 +2,7 @@
 
 use super::SurfaceId;
 use super::cull::VisibleCluster;
-use super::mesh::{CLUSTER_VERTICES, RasterMesh};
+use super::mesh::{CLUSTER_VERTICES, RasterMesh, Vertex};
 use super::scan::{CutoutTest, DrawnRows};
 use super::view::{GUARD_PX, LocalCamera, NEAR_M, SnappedVertex, snap};
 use crate::clip;
@@ -74,6 +74,12 @@ impl LocalCamera {
             if i & j & k & !CLIPPED != 0 {
                 continue;
             }
+            if cluster.has_single_sided
+                && mesh.materials[triangle.material as usize].single_sided
+                && self.is_back(mesh.corners(triangle))
+            {
+                continue;
+            }
             let has_cutout =
                 cluster.has_cutouts && mesh.materials[triangle.material as usize].has_cutout;
             let cutout = has_cutout.then_some(CutoutTest {
@@ -95,6 +101,12 @@ impl LocalCamera {
                 target.triangle(simd, corners, SurfaceId(primitive), cutout);
             }
         }
+    }
+
+    /// Returns true if the eye is behind a triangle.
+    fn is_back(&self, corners: [&Vertex; 3]) -> bool {
+        let [a, b, c] = corners.map(|corner| (corner.position - self.eye).as_dvec3());
+        a.cross(b).dot(c) > 0.0
     }
 
     /// Projects and snaps vertices: a plain loop over arrays that the compiler vectorises at the

@@ -27,6 +27,8 @@ pub(super) struct Cluster {
     pub(super) bounds: [Vec3; 2],
     /// True if some of its triangles have a cut-out material.
     pub(super) has_cutouts: bool,
+    /// True if some of its triangles have a single-sided material.
+    pub(super) has_single_sided: bool,
 }
 
 /// Vertex attributes for shading: half a cache line.
@@ -50,6 +52,7 @@ pub(super) struct MeshMaterial {
     pub(super) albedo_texture: Option<u32>,
     pub(super) emission_texture: Option<u32>,
     pub(super) has_cutout: bool,
+    pub(super) single_sided: bool,
 }
 
 /// A triangle of the mesh.
@@ -89,6 +92,7 @@ impl MeshMaterial {
             albedo_texture: material.albedo_texture,
             emission_texture: material.emission_texture,
             has_cutout: material.cutout.is_some(),
+            single_sided: material.single_sided,
         }
     }
 }
@@ -156,6 +160,14 @@ impl RasterMesh {
         ]
     }
 
+    /// Returns the texture coordinates of a triangle's emission texture, if they are not those of
+    /// its corners.
+    pub(super) fn emission_texcoords(&self, primitive: u32) -> Option<[Vec2; 3]> {
+        let texcoords = &self.scene.emission_texcoords;
+        let corners = self.scene.triangles[primitive as usize].vertices;
+        (!texcoords.is_empty()).then(|| corners.map(|corner| texcoords[corner as usize]))
+    }
+
     /// Builds a cluster from the first triangles of a run, until it is full; returns the index of
     /// the next triangle.
     fn append_cluster(&mut self, scene: &Scene, run: Range<u32>) -> u32 {
@@ -194,14 +206,19 @@ impl RasterMesh {
             });
         }
         if bounds[0].x <= bounds[1].x {
-            let has_cutouts = self.triangles[run.start as usize..end as usize]
-                .iter()
-                .any(|triangle| self.materials[triangle.material as usize].has_cutout);
+            let any = |test: fn(&MeshMaterial) -> bool| {
+                self.triangles[run.start as usize..end as usize]
+                    .iter()
+                    .any(|triangle| test(&self.materials[triangle.material as usize]))
+            };
+            let has_cutouts = any(|material| material.has_cutout);
+            let has_single_sided = any(|material| material.single_sided);
             self.clusters.push(Cluster {
                 vertices: first_vertex..self.vertices.len() as u32,
                 triangles: run.start..end,
                 bounds,
                 has_cutouts,
+                has_single_sided,
             });
         }
         end

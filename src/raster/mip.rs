@@ -6,7 +6,7 @@ use fearless_simd::{f32x16, u32x16};
 use headbox_core::color::{linear_from_srgb8, srgb8_from_linear};
 use headbox_core::image::mip::{MipLevel, OddEdge};
 use headbox_core::image::texels::bilinear;
-use headbox_scene::material::Texture;
+use headbox_scene::material::{Sampler, Texture};
 use std::iter::successors;
 
 /// Largest code of 16-bit linear light: a step is a twentieth of the darkest step of 8-bit sRGB.
@@ -17,6 +17,7 @@ const FULL: f32 = 65_535.0;
 pub(super) struct MipTexture {
     /// Size of level 0, texels.
     size: [u32; 2],
+    sampler: Sampler,
     /// Index of the first texel of each mip level; never empty.
     starts: Vec<u32>,
     /// Row by row, linear RGB and alpha, 16 bits each.
@@ -36,6 +37,7 @@ impl MipTexture {
         let linear = |c: u8| (linear_from_srgb8(c) * FULL + 0.5) as u16;
         let mut mips = Self {
             size,
+            sampler: texture.sampler(),
             starts: Vec::new(),
             texels: Vec::new(),
         };
@@ -55,8 +57,8 @@ impl MipTexture {
         [self.size[0] as f32, self.size[1] as f32]
     }
 
-    /// Samples linear red, green and blue at (u, v) in the first `count` lanes: bilinear and
-    /// wrapping, like [`Texture::sample`], from the mip level whose texels are nearest in size to
+    /// Samples linear red, green and blue at (u, v) in the first `count` lanes: by the sampler, like
+    /// [`Texture::sample`], from the mip level whose texels are nearest in size to
     /// the footprint. `footprint` is the fourth power of the footprint's side in texels of level 0;
     /// 1 and less give level 0.
     pub(super) fn sample<S: Simd>(
@@ -90,8 +92,8 @@ impl MipTexture {
             + 0.5;
         let level = u32x16::truncate_from(octaves).min(self.starts.len() as u32 - 1);
         let (x, y) = (
-            Neighbours::new(u, self.size[0], level),
-            Neighbours::new(1.0 - v, self.size[1], level),
+            self.neighbours(0, u, level),
+            self.neighbours(1, 1.0 - v, level),
         );
         let (upper, lower) = (y.first * x.size, y.second * x.size);
         let (a, b) = ((upper + x.first).to_array(), (upper + x.second).to_array());
@@ -120,6 +122,16 @@ impl MipTexture {
             *color = bilinear([a[k], b[k], c[k], d[k]], [x.weight, y.weight]) * (1.0 / FULL);
         }
         color
+    }
+
+    /// Finds the texels of a mip level beside coordinate `t` along an axis.
+    #[inline(always)]
+    fn neighbours<S: Simd>(&self, axis: usize, t: f32x16<S>, level: u32x16<S>) -> Neighbours<S> {
+        if self.sampler == Sampler::default() {
+            Neighbours::new(t, self.size[axis], level)
+        } else {
+            Neighbours::by_sampler(self.sampler, axis, t, self.size[axis], level)
+        }
     }
 }
 
@@ -172,6 +184,28 @@ impl<S: Simd> Neighbours<S> {
             weight,
         }
     }
+
+    /// Same as [`Self::new`] for a sampler that is not the default one, lane by lane.
+    #[inline(never)]
+    fn by_sampler(
+        sampler: Sampler,
+        axis: usize,
+        t: f32x16<S>,
+        size: u32,
+        level: u32x16<S>,
+    ) -> Self {
+        let simd = t.simd;
+        let size = (u32x16::splat(simd, size - 1) >> level) + 1;
+        let (sizes, t) = (size.to_array(), t.to_array());
+        let found: [_; LANES] =
+            std::array::from_fn(|lane| sampler.neighbours(axis, t[lane], sizes[lane]));
+        Self {
+            size,
+            first: u32x16::load_array(simd, found.map(|(first, ..)| first as u32)),
+            second: u32x16::load_array(simd, found.map(|(_, second, _)| second as u32)),
+            weight: f32x16::load_array(simd, found.map(|(.., weight)| weight)),
+        }
+    }
 }
 
 /// Averages four texels in linear light.
@@ -185,6 +219,7 @@ fn linear_mean(four: [[u8; 4]; 4]) -> [u8; 4] {
 mod tests {
     use super::*;
     use fearless_simd::dispatch;
+    use headbox_scene::material::Wrap;
 
     /// Half a step of 16 bits, and rounding in the fractions of a texel.
     const STORED: f32 = 1e-4;
@@ -230,6 +265,23 @@ mod tests {
                     (0..3).all(|c| (found[c] - expected[c]).abs() < STORED),
                     "({u}, {v}): {found:?} {expected:?}"
                 );
+            }
+        }
+        for wrap in [Wrap::Repeat, Wrap::Mirror, Wrap::Clamp] {
+            for nearest in [false, true] {
+                let sampler = Sampler {
+                    wrap: [wrap, Wrap::Clamp],
+                    nearest,
+                };
+                let texture = texture.with_sampler(sampler);
+                let mips = MipTexture::new(&texture);
+                for (u, v) in [(0.12, 0.21), (-0.33, 0.5), (1.01, -0.2), (7.77, 1.3)] {
+                    let (found, expected) = (sample(&mips, 1.0, u, v), texture.sample(u, v));
+                    assert!(
+                        (0..3).all(|c| (found[c] - expected[c]).abs() < STORED),
+                        "({u}, {v}) {sampler:?}: {found:?} {expected:?}"
+                    );
+                }
             }
         }
         assert!(

@@ -49,6 +49,8 @@ struct Shading<'a> {
     emission: Vec3,
     albedo_texture: Option<(&'a MipTexture, Slopes)>,
     emission_texture: Option<(&'a MipTexture, Slopes)>,
+    /// Texture coordinates of the emission texture if they differ from those of the corners.
+    emission_texcoords: Option<[Vec2; 3]>,
 }
 
 impl PixelShader<'_> {
@@ -151,16 +153,23 @@ impl PixelShader<'_> {
         let corners = self.mesh.corners(triangle);
         let surface = &self.mesh.materials[triangle.material as usize];
         let weights = CornerWeights::new(self.view, corners);
-        let texture = |number: Option<u32>| {
+        let texcoords = corners.map(|corner| corner.texcoord);
+        let emission_texcoords = self.mesh.emission_texcoords(primitive);
+        let texture = |number: Option<u32>, texcoords: [Vec2; 3]| {
             let texture = self.mesh.textures.get(number? as usize)?;
-            Some((texture, weights.slopes(corners, Vec2::from(texture.size()))))
+            let size = Vec2::from(texture.size());
+            Some((texture, weights.slopes(texcoords, size)))
         };
         Shading {
             corners,
             albedo: surface.albedo * self.exposure,
             emission: surface.emission.max(Vec3::ZERO) * self.exposure,
-            albedo_texture: texture(surface.albedo_texture),
-            emission_texture: texture(surface.emission_texture),
+            albedo_texture: texture(surface.albedo_texture, texcoords),
+            emission_texture: texture(
+                surface.emission_texture,
+                emission_texcoords.unwrap_or(texcoords),
+            ),
+            emission_texcoords,
             weights,
         }
     }
@@ -204,6 +213,13 @@ impl PixelShader<'_> {
                 texture.sample(simd, [u, v], slopes.footprint(u, v, per), batch.count)
             }
             None => white,
+        };
+        let (u, v) = match shading.emission_texcoords {
+            Some(texcoords) => (
+                interpolate(weights, texcoords.map(|t| t.x)),
+                interpolate(weights, texcoords.map(|t| t.y)),
+            ),
+            None => (u, v),
         };
         let emission = match &shading.emission_texture {
             Some((texture, slopes)) => {

@@ -93,14 +93,13 @@ impl CornerWeights {
         ([a * per, b * per, c * per], per * sign)
     }
 
-    /// Computes the derivatives of the texture coordinates over the frame; `size` is that of the
+    /// Computes the derivatives over the frame of the texture coordinates given at the corners; `size` is that of the
     /// texture, texels.
     #[inline(always)]
-    pub(super) fn slopes(&self, corners: [&Vertex; 3], size: Vec2) -> Slopes {
+    pub(super) fn slopes(&self, texcoords: [Vec2; 3], size: Vec2) -> Slopes {
         let along = |axis: usize| {
             let w = self.gradient[axis].as_vec3();
-            let texcoord =
-                (corners[0].texcoord * w.x + corners[1].texcoord * w.y) + corners[2].texcoord * w.z;
+            let texcoord = (texcoords[0] * w.x + texcoords[1] * w.y) + texcoords[2] * w.z;
             (texcoord * size, (w.x + w.y) + w.z)
         };
         Slopes {

@@ -601,7 +601,8 @@ fn cutouts_from_map_d_and_alpha() {
         let scene = with_material(&format!("newmtl m\n{mtl}\n"), images);
         scene.materials[0]
             .cutout
-            .map(|cutout| scene.textures[cutout.texture as usize].sample(0.75, 0.5)[3])
+            .and_then(|cutout| cutout.texture)
+            .map(|texture| scene.textures[texture as usize].sample(0.75, 0.5)[3])
     };
     assert_eq!(
         cut("map_Kd a.png\nmap_d a.png", &[("a.png", two)]),

@@ -149,8 +149,7 @@ fn trees_have_cut_out_leaves() {
             );
             if let Some(cutout) = material.cutout {
                 assert_eq!(
-                    Some(cutout.texture),
-                    material.albedo_texture,
+                    cutout.texture, material.albedo_texture,
                     "the same image gives colour and alpha"
                 );
             }

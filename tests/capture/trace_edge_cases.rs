@@ -51,7 +51,7 @@ fn cutout_scene() -> Scene {
     scene.texcoords = scene.positions.iter().map(uv).collect();
     scene.textures = vec![Texture::new(8, 8, texels).expect("8x8")];
     let cutout = Some(Cutout {
-        texture: 0,
+        texture: Some(0),
         threshold: 0.5,
     });
     scene.materials.push(Material {

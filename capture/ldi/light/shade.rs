@@ -12,9 +12,8 @@
 
 use crate::accumulate::accumulator::{Accumulator, to_unorm16};
 use crate::capture::SceneCapture;
-use glam::{DVec3, Vec3};
+use glam::{DVec3, Vec2, Vec3};
 use headbox_core::cube_face::Face;
-use headbox_scene::material::Texture;
 use headbox_scene::scene::Paint;
 use headbox_trace::light::{LightSample, LitPoint};
 use headbox_trace::sampler::RayKey;
@@ -162,7 +161,7 @@ impl Shader<'_> {
             return mean;
         };
         let pixel = PixelOnTriangle::new(face, [x, y], self.capture.spec.face_size_px, triangle);
-        let points = pixel.points(&paint, texture);
+        let points = pixel.points(&paint, |weights| paint.texel_at(texture, weights));
         let count = points.len() as u32;
         let mut sum = mean.map(|c| acc.count * count * u32::from(c));
         for point in points {
@@ -193,7 +192,9 @@ impl Shader<'_> {
         };
         let paint = scene.paint(acc.primitive);
         let pixel = PixelOnTriangle::new(face, [x, y], self.capture.spec.face_size_px, triangle);
-        let points = pixel.points(&paint, texture);
+        let points = pixel.points(&paint, |weights| {
+            scene.emission_texel_at(acc.primitive, texture, weights)
+        });
         let count = points.len() as f32;
         points
             .map(|point| point.map_or(here, emission))
@@ -277,13 +278,14 @@ impl PixelOnTriangle {
     }
 
     /// Barycentric weights of the grid points at which a texture of the triangle is sampled in the
-    /// pixel, as by [`Self::weights`]; `None` also in holes.
+    /// pixel, as by [`Self::weights`]; `None` also in holes. `texel_at` returns the texture
+    /// coordinate at weights, texels.
     fn points<'a>(
         &'a self,
         paint: &'a Paint,
-        texture: &Texture,
+        texel_at: impl Fn([f32; 2]) -> Vec2,
     ) -> impl ExactSizeIterator<Item = Option<[f32; 2]>> + 'a {
-        let [columns, rows] = self.grid(paint, texture);
+        let [columns, rows] = self.grid(texel_at);
         (0..columns * rows).map(move |i| {
             let position = [(i % columns, columns), (i / columns, rows)]
                 .map(|(i, side)| (f64::from(i) + 0.5) / f64::from(side));
@@ -294,14 +296,14 @@ impl PixelOnTriangle {
 
     /// Columns and rows of the grid: one for each texel that the pixel spans, at most `MAX_SIDE`.
     /// Within a texel, a texture is so smooth that one sample is enough.
-    fn grid(&self, paint: &Paint, texture: &Texture) -> [u32; 2] {
+    fn grid(&self, texel_at: impl Fn([f32; 2]) -> Vec2) -> [u32; 2] {
         const MAX_SIDE: f32 = 3.0;
         let [here, right, below] = [
             self.first,
             self.first + self.steps[0],
             self.first + self.steps[1],
         ]
-        .map(|weights| paint.texel_at(texture, corner_weights(weights)));
+        .map(|weights| texel_at(corner_weights(weights)));
         // NaN gives 1.
         [right, below].map(|there| {
             (there - here)

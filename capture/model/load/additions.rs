@@ -43,7 +43,9 @@ fn add(scene: &mut Scene, name: &str, corners: &[DVec3], normal: Vec3) {
             position,
             normal,
             texcoord: Vec2::ZERO,
+            emission_texcoord: Vec2::ZERO,
             color: Vec3::ONE,
+            opacity: 1.0,
         });
     }
     let is_reversed = area_normal(corners).dot(normal.as_dvec3()) < 0.0;

@@ -134,6 +134,7 @@ impl<'a> PlainHome<'a> {
                 file: picture.image.clone(),
                 image_from_vertex: Affine2::IDENTITY,
                 ignored_options: Vec::new(),
+                clamp: false,
             }),
             ..MtlMaterial::default()
         });

@@ -23,7 +23,9 @@ impl Corner {
             position: a.position.lerp(b.position, t),
             normal: a.normal.lerp(b.normal, s),
             texcoord: a.texcoord.lerp(b.texcoord, s),
+            emission_texcoord: a.emission_texcoord.lerp(b.emission_texcoord, s),
             color: a.color.lerp(b.color, s),
+            opacity: a.opacity + (b.opacity - a.opacity) * s,
         };
         Self {
             vertex,

@@ -131,6 +131,39 @@ impl Builder {
         } else {
             Vec3::ONE
         });
+        self.push_rare_attributes(vertex);
+    }
+
+    /// Adds the attributes of the last vertex that few files have: their arrays stay empty until a
+    /// vertex differs from the neutral one.
+    fn push_rare_attributes(&mut self, vertex: Vertex) {
+        let scene = &mut self.scene;
+        let (last, earlier) = match scene.texcoords.split_last() {
+            Some((last, earlier)) => (*last, earlier),
+            None => return,
+        };
+        let texcoord = if vertex.emission_texcoord.is_finite() {
+            vertex.emission_texcoord
+        } else {
+            last
+        };
+        if !scene.emission_texcoords.is_empty() {
+            scene.emission_texcoords.push(texcoord);
+        } else if texcoord != last {
+            scene.emission_texcoords = earlier.to_vec();
+            scene.emission_texcoords.push(texcoord);
+        }
+        let opacity = if vertex.opacity.is_finite() {
+            vertex.opacity.clamp(0.0, 1.0)
+        } else {
+            1.0
+        };
+        if !scene.opacities.is_empty() {
+            scene.opacities.push(opacity);
+        } else if opacity != 1.0 {
+            scene.opacities = vec![1.0; earlier.len()];
+            scene.opacities.push(opacity);
+        }
     }
 
     /// Adds a triangle of existing vertices, or counts it if it cannot be traced.
@@ -225,6 +258,7 @@ impl Builder {
         clear_if_all(&mut scene.normals, Vec3::ZERO);
         clear_if_all(&mut scene.texcoords, Vec2::ZERO);
         clear_if_all(&mut scene.colors, Vec3::ONE);
+        clear_if_all(&mut scene.opacities, 1.0);
         match scene.validate() {
             Ok(()) => Ok(GroupedScene {
                 scene,
@@ -270,7 +304,9 @@ fn discard_unused_vertices(scene: &mut Scene) {
     retain_where(&mut scene.positions, &used);
     retain_where(&mut scene.normals, &used);
     retain_where(&mut scene.texcoords, &used);
+    retain_where(&mut scene.emission_texcoords, &used);
     retain_where(&mut scene.colors, &used);
+    retain_where(&mut scene.opacities, &used);
 }
 
 fn retain_where<T>(values: &mut Vec<T>, keep: &[bool]) {

@@ -17,6 +17,8 @@ pub struct Map {
     pub image_from_vertex: Affine2,
     /// Options that change the image and are not supported.
     pub ignored_options: Vec<String>,
+    /// True if the texels at the edge continue (`-clamp on`), false if the image repeats.
+    pub clamp: bool,
 }
 
 /// A `newmtl` of a material file.
@@ -162,6 +164,7 @@ fn parse_map(rest: &str) -> Option<Map> {
     let MapOptions {
         scale,
         offset,
+        clamp,
         ignored,
     } = options;
     let image_from_vertex = Affine2::from_scale_angle_translation(scale, 0.0, offset);
@@ -169,6 +172,7 @@ fn parse_map(rest: &str) -> Option<Map> {
         file: rest.to_owned(),
         image_from_vertex,
         ignored_options: ignored,
+        clamp,
     })
 }
 
@@ -180,6 +184,7 @@ const MAX_OPTIONS: usize = 16;
 struct MapOptions {
     scale: Vec2,
     offset: Vec2,
+    clamp: bool,
     ignored: Vec<String>,
 }
 
@@ -188,6 +193,7 @@ impl Default for MapOptions {
         Self {
             scale: Vec2::ONE,
             offset: Vec2::ZERO,
+            clamp: false,
             ignored: Vec::new(),
         }
     }
@@ -210,7 +216,11 @@ impl MapOptions {
             }
             "-t" => take_numbers(&mut after, [0.0; 3]) == [0.0; 3],
             "-mm" => take_numbers(&mut after, [0.0, 1.0]) == [0.0, 1.0],
-            "-bm" | "-clamp" | "-texres" | "-type" => {
+            "-clamp" => {
+                self.clamp = take_word(&mut after).eq_ignore_ascii_case("on");
+                true
+            }
+            "-bm" | "-texres" | "-type" => {
                 after = keyword(after).1;
                 true
             }
@@ -286,6 +296,8 @@ mod tests {
         );
         let map = first.diffuse_map.as_ref().expect("given");
         assert_eq!(map.file, "my wood.png");
+        assert!(map.clamp);
+        assert!(first.dissolve_map.as_ref().is_some_and(|map| !map.clamp));
         assert_eq!(
             map.image_from_vertex.transform_point2(Vec2::ONE),
             Vec2::new(2.5, 3.0)

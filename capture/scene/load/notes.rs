@@ -19,6 +19,7 @@ pub(super) enum Note {
     TextureTransformIgnored,
     AmbientTakenAsLight,
     TransparencyInverted,
+    HolesByColor,
     Unlit,
     LineUnread,
     BytesBeyondEnd,
@@ -98,6 +99,11 @@ impl Note {
                 "material",
                 "materials",
                 "with Tr 1 and no d, shown as opaque, as scanning programs mean it",
+            ],
+            Self::HolesByColor => [
+                "material",
+                "materials",
+                "without map_d, with holes where the alpha of map_Kd is below one half",
             ],
             Self::Unlit => [
                 "unlit material",

@@ -24,10 +24,10 @@ use super::notes::{Note, Notes};
 use super::obj_prepare::{LineError, PreparedObj, prepare};
 use super::orientation::{FrameHints, head_comments};
 use super::polygon::triangulate;
-use super::textures::{DecodedTextures, Handle, Role, TextureTable, find_file};
+use super::textures::{DecodedTextures, Handle, Role, TextureTable, TextureUse, find_file};
 use super::{LoadError, LoadOptions, folder_of};
 use crate::load::mtl;
-use crate::material::{Cutout, Material};
+use crate::material::{Cutout, Material, Sampler, Wrap};
 use crate::scene::Vertex;
 use glam::{Affine2, DVec3, Vec2, Vec3};
 use headbox_core::color::linear_from_srgb;
@@ -202,6 +202,8 @@ struct ObjMaterial {
     material: Option<u32>,
     /// Maps the texture coordinate of a vertex to that of the image.
     image_from_vertex: Affine2,
+    /// The same for the emission texture.
+    emission_from_vertex: Affine2,
 }
 
 /// Textures that a material requests.
@@ -253,9 +255,14 @@ impl ObjMaterials {
                     materials.push(material);
                     materials.len() as u32 - 1
                 });
+                let image_from_vertex = map_transform(m, notes);
                 ObjMaterial {
                     material,
-                    image_from_vertex: map_transform(m, notes),
+                    image_from_vertex,
+                    emission_from_vertex: m
+                        .emissive_map
+                        .as_ref()
+                        .map_or(image_from_vertex, |map| map.image_from_vertex),
                 }
             }));
         }
@@ -315,7 +322,9 @@ impl ObjMaterials {
                 position: DVec3::from_slice(p),
                 normal: normals.get(i).copied().unwrap_or(Vec3::ZERO),
                 texcoord: surface.image_from_vertex.transform_point2(texcoord),
+                emission_texcoord: surface.emission_from_vertex.transform_point2(texcoord),
                 color: colors.get(i).map_or(Vec3::ONE, |c| c.map(linear_from_srgb)),
+                opacity: 1.0,
             });
         }
         for polygon in polygons() {
@@ -337,23 +346,28 @@ fn request_maps(
 ) -> Maps {
     let folders = [m.folder.as_path(), folder];
     let mut request = |map: &Option<Map>, role| {
-        map.as_ref().map(|map| {
-            let embedded = |name: &str| images.get(name);
-            let bytes = embedded(&map.file).or_else(|| embedded(without_comment(&map.file)?));
-            for option in &map.ignored_options {
-                notes.add_named(Note::MapOptionIgnored, option);
-            }
-            match bytes {
-                Some(bytes) => set.embedded(&map.file, Ok(bytes), role),
-                None => {
-                    let name = behind_unknown_options(&map.file, &folders, notes);
-                    set.file(name, &folders, role, notes)
-                }
+        let map = map.as_ref()?;
+        let wrap = if map.clamp { Wrap::Clamp } else { Wrap::Repeat };
+        let sampler = Sampler {
+            wrap: [wrap; 2],
+            nearest: false,
+        };
+        let texture_use = TextureUse { role, sampler };
+        let embedded = |name: &str| images.get(name);
+        let bytes = embedded(&map.file).or_else(|| embedded(without_comment(&map.file)?));
+        for option in &map.ignored_options {
+            notes.add_named(Note::MapOptionIgnored, option);
+        }
+        Some(match bytes {
+            Some(bytes) => set.embedded(&map.file, Ok(bytes), texture_use),
+            None => {
+                let name = behind_unknown_options(&map.file, &folders, notes);
+                set.file(name, &folders, texture_use, notes)
             }
         })
     };
     let diffuse = request(&m.diffuse_map, Role::Color);
-    let same_file = |a: &Map, b: &Map| a.file == b.file;
+    let same_file = |a: &Map, b: &Map| a.file == b.file && a.clamp == b.clamp;
     let dissolve = match (&m.dissolve_map, &m.diffuse_map) {
         (Some(a), Some(b)) if same_file(a, b) => diffuse,
         (map, _) => request(map, Role::Mask),
@@ -393,12 +407,16 @@ fn convert(
 ) -> Option<Material> {
     let slot = |handle: Option<Handle>| handle.and_then(|handle| textures.slot(handle));
     let (diffuse, emissive) = (slot(maps.diffuse), slot(maps.emissive));
-    let opacity = slot(maps.dissolve).or(diffuse.filter(|_| m.is_transparent()));
+    let by_color = || diffuse.filter(|_| m.dissolve_map.is_none() || m.is_transparent());
+    let opacity = slot(maps.dissolve).or_else(by_color);
     let opacity = opacity.filter(|slot| slot.is_cut_at(CUTOUT_THRESHOLD));
     if opacity.is_none() && m.opacity() < 0.5 {
         return None;
     }
 
+    if opacity.is_some() && m.dissolve_map.is_none() && !m.is_transparent() {
+        notes.add_named(Note::HolesByColor, &m.name);
+    }
     if m.is_tr_inverted() {
         notes.add_named(Note::TransparencyInverted, &m.name);
     }
@@ -442,20 +460,20 @@ fn convert(
         emission_texture: emissive.map(|slot| slot.index),
         gloss: None,
         cutout: opacity.map(|slot| Cutout {
-            texture: slot.index,
+            texture: Some(slot.index),
             threshold: CUTOUT_THRESHOLD,
         }),
+        single_sided: false,
     })
 }
 
-/// Returns the transform of a material's first map. A vertex has one texture coordinate, so that
-/// the other maps have the same transform.
+/// Returns the transform of a material's diffuse map, or of its opacity map, which cannot have
+/// another one, or of its emission map.
 fn map_transform(m: &MtlMaterial, notes: &mut Notes) -> Affine2 {
-    let mut maps = [&m.diffuse_map, &m.emissive_map, &m.dissolve_map]
-        .into_iter()
-        .flatten();
+    let mut maps = [&m.diffuse_map, &m.dissolve_map].into_iter().flatten();
     let Some(first) = maps.next() else {
-        return Affine2::IDENTITY;
+        let emission = m.emissive_map.as_ref();
+        return emission.map_or(Affine2::IDENTITY, |map| map.image_from_vertex);
     };
     for other in maps.filter(|other| other.image_from_vertex != first.image_from_vertex) {
         notes.add_named(Note::TextureTransformIgnored, &other.file);

@@ -3,7 +3,7 @@
 use super::encoding::{respellings, spellings_of_file};
 use super::lines::without_comment;
 use super::notes::{Note, Notes};
-use crate::material::Texture;
+use crate::material::{Sampler, Texture};
 use headbox_core::color::srgb8_from_linear;
 use headbox_core::image::codec::{self, PictureError};
 use image::DynamicImage;
@@ -22,15 +22,26 @@ pub(super) enum Role {
     Mask,
 }
 
+/// Use of an image as a texture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(super) struct TextureUse {
+    pub(super) role: Role,
+    pub(super) sampler: Sampler,
+}
+
 /// Handle of a texture that was requested from a [`TextureTable`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Handle(usize);
 
-/// Textures that the materials of a file use, each once.
+/// Textures that the materials of a file use, each once. Textures of one image share its texels.
 #[derive(Debug, Default)]
 pub(super) struct TextureTable {
-    handles: HashMap<(String, Role), Handle>,
+    /// Indices into `requests`.
+    images: HashMap<(String, Role), usize>,
     requests: Vec<Request>,
+    handles: HashMap<(usize, Sampler), Handle>,
+    /// Request and sampler of each handle.
+    textures: Vec<(usize, Sampler)>,
 }
 
 #[derive(Debug)]
@@ -70,7 +81,7 @@ impl TextureTable {
         &mut self,
         written: &str,
         folders: &[&Path],
-        role: Role,
+        texture_use: TextureUse,
         notes: &mut Notes,
     ) -> Handle {
         let (name, source) = match find_file(written, folders) {
@@ -85,7 +96,7 @@ impl TextureTable {
             }
             None => (written.to_owned(), Source::Absent("no such file".into())),
         };
-        self.request(name, role, || source)
+        self.request(name, texture_use, || source)
     }
 
     /// Requests an image inside the scene's own file.
@@ -93,23 +104,33 @@ impl TextureTable {
         &mut self,
         name: &str,
         bytes: Result<&[u8], String>,
-        role: Role,
+        texture_use: TextureUse,
     ) -> Handle {
-        self.request(name.to_owned(), role, || match bytes {
+        self.request(name.to_owned(), texture_use, || match bytes {
             Ok(bytes) => Source::Bytes(bytes.to_vec()),
             Err(cause) => Source::Absent(cause),
         })
     }
 
-    fn request(&mut self, name: String, role: Role, source: impl FnOnce() -> Source) -> Handle {
-        let next = Handle(self.requests.len());
-        let handle = *self.handles.entry((name.clone(), role)).or_insert(next);
-        if handle == next {
+    fn request(
+        &mut self,
+        name: String,
+        TextureUse { role, sampler }: TextureUse,
+        source: impl FnOnce() -> Source,
+    ) -> Handle {
+        let next = self.requests.len();
+        let request = *self.images.entry((name.clone(), role)).or_insert(next);
+        if request == next {
             self.requests.push(Request {
                 name,
                 source: source(),
                 role,
             });
+        }
+        let next = Handle(self.textures.len());
+        let handle = *self.handles.entry((request, sampler)).or_insert(next);
+        if handle == next {
+            self.textures.push((request, sampler));
         }
         handle
     }
@@ -117,24 +138,17 @@ impl TextureTable {
     /// Decodes all images in parallel; the result does not depend on the number of threads.
     pub(super) fn decode(self, notes: &mut Notes) -> DecodedTextures {
         let decoded: Vec<_> = self.requests.par_iter().map(Request::decode).collect();
-        let mut result = DecodedTextures::default();
+        let mut images = Vec::new();
         for (request, decoded) in self.requests.iter().zip(decoded) {
-            result.slots.push(match decoded {
+            images.push(match decoded {
                 Ok((texture, damage)) => {
                     if let Some(damage) = damage {
                         let name = request.file_name();
                         notes.add_named(Note::TextureDamaged, format!("{name} ({damage})"));
                     }
                     let alphas = texture.texels().iter().map(|texel| texel[3]);
-                    let (least_alpha, greatest_alpha) =
-                        alphas.fold((255, 0), |(l, g), a| (l.min(a), g.max(a)));
-                    let index = result.textures.len() as u32;
-                    result.textures.push(texture);
-                    Some(Slot {
-                        index,
-                        least_alpha,
-                        greatest_alpha,
-                    })
+                    let range = alphas.fold([255, 0], |[l, g], a| [l.min(a), g.max(a)]);
+                    Some((texture, range))
                 }
                 Err(DecodeError::OverBudget(cause)) => {
                     notes.add_over_budget(&request.file_name(), &cause);
@@ -146,6 +160,18 @@ impl TextureTable {
                     None
                 }
             });
+        }
+        let mut result = DecodedTextures::default();
+        for (request, sampler) in self.textures {
+            let slot = images[request].as_ref().map(|(texture, range)| {
+                result.textures.push(texture.with_sampler(sampler));
+                Slot {
+                    index: result.textures.len() as u32 - 1,
+                    least_alpha: range[0],
+                    greatest_alpha: range[1],
+                }
+            });
+            result.slots.push(slot);
         }
         result
     }

@@ -5,7 +5,7 @@
 //! `gltf` crate, which store a translation in `f32`.
 
 use super::{SaveError, by_material, png, unique_names};
-use crate::material::{Material, Texture};
+use crate::material::{Material, Sampler, Texture, Wrap};
 use crate::scene::Scene;
 use gltf::binary::{Glb, Header};
 use headbox_core::color::srgb8_from_linear;
@@ -45,6 +45,7 @@ pub(super) fn bytes(scene: &Scene) -> Result<Vec<u8>, SaveError> {
         "nodes": [{"name": scene.name, "mesh": 0, "translation": middle.to_array()}],
         "meshes": [{"primitives": primitives}],
         "materials": file.materials, "textures": file.textures, "images": file.images,
+        "samplers": file.samplers,
         "accessors": file.accessors, "bufferViews": file.views,
         "buffers": [{"byteLength": file.bytes.len()}],
     });
@@ -73,6 +74,9 @@ pub(super) fn bytes(scene: &Scene) -> Result<Vec<u8>, SaveError> {
         .map_err(|cause| SaveError::Glb(cause.to_string()))
 }
 
+/// Attribute of the texture coordinates of emission textures.
+const EMISSION_TEXCOORDS: &str = "TEXCOORD_1";
+
 const STRENGTH: &str = "KHR_materials_emissive_strength";
 
 /// Returns true if a material emits more than the format's own factor, at most 1, can express.
@@ -89,6 +93,7 @@ struct GlbBuilder {
     materials: Vec<Value>,
     textures: Vec<Value>,
     images: Vec<Value>,
+    samplers: Vec<Value>,
     /// Indices of the written textures by the scene's textures for colour and for opacity.
     written: HashMap<[Option<u32>; 2], usize>,
 }
@@ -119,7 +124,7 @@ impl GlbBuilder {
         self.accessor(
             &bytes,
             values.len(),
-            if N == 2 { "VEC2" } else { "VEC3" },
+            ["SCALAR", "VEC2", "VEC3", "VEC4"][N - 1],
             FLOAT,
         )
     }
@@ -164,15 +169,26 @@ impl GlbBuilder {
                 used.iter().map(|&v| scene.normals[v].to_array()).collect();
             attributes["NORMAL"] = json!(self.vectors(&normals));
         }
-        if !scene.texcoords.is_empty() {
+        let sets = [
+            ("TEXCOORD_0", &scene.texcoords),
+            (EMISSION_TEXCOORDS, &scene.emission_texcoords),
+        ];
+        for (name, texcoords) in sets.into_iter().filter(|(_, set)| !set.is_empty()) {
             // The format's v points down.
             let texcoords: Vec<[f32; 2]> = used
                 .iter()
-                .map(|&v| [scene.texcoords[v].x, 1.0 - scene.texcoords[v].y])
+                .map(|&v| [texcoords[v].x, 1.0 - texcoords[v].y])
                 .collect();
-            attributes["TEXCOORD_0"] = json!(self.vectors(&texcoords));
+            attributes[name] = json!(self.vectors(&texcoords));
         }
-        if !scene.colors.is_empty() {
+        if !scene.opacities.is_empty() {
+            let color = |v: usize| scene.colors.get(v).copied().unwrap_or(glam::Vec3::ONE);
+            let colors: Vec<[f32; 4]> = used
+                .iter()
+                .map(|&v| color(v).extend(scene.opacities[v]).to_array())
+                .collect();
+            attributes["COLOR_0"] = json!(self.vectors(&colors));
+        } else if !scene.colors.is_empty() {
             let colors: Vec<[f32; 3]> = used.iter().map(|&v| scene.colors[v].to_array()).collect();
             attributes["COLOR_0"] = json!(self.vectors(&colors));
         }
@@ -188,14 +204,14 @@ impl GlbBuilder {
     ) -> Result<Value, SaveError> {
         let [r, g, b] = material.albedo;
         let mut base = json!({"baseColorFactor": [r, g, b, 1.0], "metallicFactor": 0.0, "roughnessFactor": 1.0});
-        let cutout = material.cutout.map(|cutout| cutout.texture);
+        let cutout = material.cutout.and_then(|cutout| cutout.texture);
         if material.albedo_texture.is_some() || cutout.is_some() {
             base["baseColorTexture"] =
                 json!({"index": self.texture(scene, [material.albedo_texture, cutout])?});
         }
         let strength = material.emission.iter().copied().fold(1.0, f32::max);
         let mut written = json!({
-            "name": name, "pbrMetallicRoughness": base, "doubleSided": true,
+            "name": name, "pbrMetallicRoughness": base, "doubleSided": !material.single_sided,
             "emissiveFactor": material.emission.map(|c| c / strength),
         });
         if is_bright(material) {
@@ -204,12 +220,35 @@ impl GlbBuilder {
         if let Some(texture) = material.emission_texture {
             written["emissiveTexture"] =
                 json!({"index": self.texture(scene, [Some(texture), None])?});
+            if !scene.emission_texcoords.is_empty() {
+                written["emissiveTexture"]["texCoord"] = json!(1);
+            }
         }
         if let Some(cutout) = material.cutout {
             (written["alphaMode"], written["alphaCutoff"]) =
                 (json!("MASK"), json!(cutout.threshold));
         }
         Ok(written)
+    }
+
+    /// Returns the index of a sampler; `None` for the default one, which textures without a sampler
+    /// have.
+    fn sampler(&mut self, sampler: Sampler) -> Option<usize> {
+        if sampler == Sampler::default() {
+            return None;
+        }
+        let [s, t] = sampler.wrap.map(|wrap| match wrap {
+            Wrap::Repeat => 10_497,
+            Wrap::Mirror => 33_648,
+            Wrap::Clamp => 33_071,
+        });
+        let mag_filter = if sampler.nearest { 9728 } else { 9729 };
+        let written = json!({"wrapS": s, "wrapT": t, "magFilter": mag_filter});
+        let known = self.samplers.iter().position(|known| *known == written);
+        Some(known.unwrap_or_else(|| {
+            self.samplers.push(written);
+            self.samplers.len() - 1
+        }))
     }
 
     /// Returns the index of a texture that combines the colour of one of the scene's textures with
@@ -233,6 +272,7 @@ impl GlbBuilder {
                     let texel = opacity.texels()[(y * opacity.width() + x) as usize];
                     [255, 255, 255, texel[3]]
                 })
+                .with_sampler(opacity.sampler())
             }
             [Some(color), Some(opacity)] => with_opacity(texture(color), texture(opacity)),
         };
@@ -240,13 +280,17 @@ impl GlbBuilder {
         let view = self.view(&bytes);
         self.images
             .push(json!({"bufferView": view, "mimeType": "image/png"}));
-        self.textures.push(json!({"source": self.images.len() - 1}));
+        let mut written = json!({"source": self.images.len() - 1});
+        if let Some(sampler) = self.sampler(combined.sampler()) {
+            written["sampler"] = json!(sampler);
+        }
+        self.textures.push(written);
         self.written.insert(key, self.textures.len() - 1);
         Ok(self.textures.len() - 1)
     }
 }
 
-/// Combines the colour of a texture with the alpha of another at the larger resolution of the two.
+/// Combines the colour and the sampler of a texture with the alpha of another at the larger resolution of the two.
 /// Texels are unchanged if the sizes are equal.
 fn with_opacity(color: &Texture, opacity: &Texture) -> Texture {
     let (width, height) = (
@@ -262,4 +306,5 @@ fn with_opacity(color: &Texture, opacity: &Texture) -> Texture {
         let [r, g, b] = [r, g, b].map(srgb8_from_linear);
         [r, g, b, (opacity.sample(u, v)[3] * 255.0 + 0.5) as u8]
     })
+    .with_sampler(color.sampler())
 }

@@ -134,7 +134,7 @@ mod tests {
             albedo: [0.25, 0.5, 0.125],
             albedo_texture: Some(0),
             cutout: Some(Cutout {
-                texture: 2,
+                texture: Some(2),
                 threshold: 0.5,
             }),
             ..Material::default()

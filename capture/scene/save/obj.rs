@@ -97,8 +97,8 @@ fn materials(scene: &Scene, names: &[String], picture: impl Fn(u32) -> String) -
                 add(format_args!("map_Ke {}\n", picture(texture)));
             }
         }
-        if let Some(cutout) = material.cutout {
-            add(format_args!("map_d {}\n", picture(cutout.texture)));
+        if let Some(texture) = material.cutout.and_then(|cutout| cutout.texture) {
+            add(format_args!("map_d {}\n", picture(texture)));
         }
     }
     text

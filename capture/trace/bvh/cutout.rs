@@ -2,7 +2,7 @@
 
 use glam::Vec2;
 use headbox_scene::material::Cutout;
-use headbox_scene::scene::Scene;
+use headbox_scene::scene::{Scene, opacity_at};
 
 /// Cut-outs of a scene by material.
 #[derive(Debug)]
@@ -11,11 +11,14 @@ pub(super) struct Cutouts {
 }
 
 impl Cutouts {
-    /// Collects the usable cut-outs. A cut-out needs texture coordinates and its texture; without
-    /// them the surface is opaque.
+    /// Collects the usable cut-outs. A cut-out needs texture coordinates and its texture, or the
+    /// opacities of vertices; without them the surface is opaque.
     pub(super) fn new(scene: &Scene) -> Self {
-        let usable = |cutout: &Cutout| {
-            !scene.texcoords.is_empty() && (cutout.texture as usize) < scene.textures.len()
+        let usable = |cutout: &Cutout| match cutout.texture {
+            Some(texture) => {
+                !scene.texcoords.is_empty() && (texture as usize) < scene.textures.len()
+            }
+            None => !scene.opacities.is_empty(),
         };
         Self {
             by_material: scene
@@ -39,16 +42,26 @@ impl Cutouts {
         let sample = || {
             let triangle = scene.triangles.get(primitive as usize)?;
             let cutout = self.get(triangle.material)?;
-            let texture = scene.textures.get(cutout.texture as usize)?;
-            let [a, b, c] = triangle.vertices.map(|i| {
-                scene
-                    .texcoords
-                    .get(i as usize)
-                    .copied()
-                    .unwrap_or(Vec2::ZERO)
-            });
-            let texcoord = a * (1.0 - u - v) + b * u + c * v;
-            let [.., alpha] = texture.sample(texcoord.x, texcoord.y);
+            let weights = [1.0 - u - v, u, v];
+            let mut alpha = 1.0;
+            if let Some(texture) = cutout.texture {
+                let texture = scene.textures.get(texture as usize)?;
+                let [a, b, c] = triangle.vertices.map(|i| {
+                    scene
+                        .texcoords
+                        .get(i as usize)
+                        .copied()
+                        .unwrap_or(Vec2::ZERO)
+                });
+                let texcoord = a * weights[0] + b * weights[1] + c * weights[2];
+                alpha = texture.sample(texcoord.x, texcoord.y)[3];
+            }
+            if !scene.opacities.is_empty() {
+                let corners = triangle.vertices;
+                let opacities =
+                    corners.map(|i| scene.opacities.get(i as usize).copied().unwrap_or(1.0));
+                alpha *= opacity_at(opacities, weights);
+            }
             Some(alpha >= cutout.threshold)
         };
         sample().unwrap_or(true)

@@ -247,7 +247,7 @@ mod tests {
             [255, 255, 255, if x == 0 { 255 } else { 0 }]
         })];
         scene.materials[0].cutout = Some(Cutout {
-            texture: 0,
+            texture: Some(0),
             threshold: 0.5,
         });
         for bounces in [0, 1] {

@@ -61,7 +61,7 @@ impl FileKind {
     /// `.sprite`
     pub const SPRITES: Self = Self::new(*b"sprt", "sprite", 1, 1);
     /// `.house`
-    pub const HOUSE: Self = Self::new(*b"hous", "house", 1, 2);
+    pub const HOUSE: Self = Self::new(*b"hous", "house", 1, 3);
     /// `.lumi`
     pub const LUMIGRAPH: Self = Self::new(*b"lumi", "lumigraph", 1, 1);
     /// Cached ray-traced frames of reports.

@@ -388,7 +388,7 @@ fn same_bytes_for_bands_threads_levels() {
     let mut scene = with_textures(soup(900), 0.7);
     scene.materials.push(Material {
         cutout: Some(Cutout {
-            texture: 0,
+            texture: Some(0),
             threshold: 0.3,
         }),
         ..scene.materials[1].clone()
@@ -573,7 +573,7 @@ fn minified_textures_average_and_cutouts_have_holes() {
     );
 
     scene.materials[0].cutout = Some(Cutout {
-        texture: 0,
+        texture: Some(0),
         threshold: 0.5,
     });
     scene.textures[0] =

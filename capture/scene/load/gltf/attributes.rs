@@ -14,6 +14,8 @@ pub(super) struct Attributes {
     /// One per position, or empty.
     pub(super) normals: Vec<[f64; 3]>,
     pub(super) texcoords: Vec<[f64; 2]>,
+    /// Those of the emission texture, or empty if they are `texcoords`.
+    pub(super) emission_texcoords: Vec<[f64; 2]>,
     /// Linear RGB and opacity.
     pub(super) colors: Vec<[f64; 4]>,
 }
@@ -21,7 +23,7 @@ pub(super) struct Attributes {
 impl Attributes {
     pub(super) fn read(
         primitive: &Primitive,
-        texcoord_set: u32,
+        [texcoord_set, emission_texcoord_set]: [u32; 2],
         buffers: &Buffers,
         notes: &mut Notes,
     ) -> Option<Self> {
@@ -39,17 +41,20 @@ impl Attributes {
             notes,
         );
         normalize_colors(&mut colors, notes);
+        let texcoords =
+            |set: u32| accessor(Semantic::TexCoords(set)).map(|a| buffers.vectors::<2>(a));
         Some(Self {
             normals: optional(
                 accessor(Semantic::Normals).map(|a| buffers.vectors(a)),
                 count,
                 notes,
             ),
-            texcoords: optional(
-                accessor(Semantic::TexCoords(texcoord_set)).map(|a| buffers.vectors(a)),
-                count,
-                notes,
-            ),
+            texcoords: optional(texcoords(texcoord_set), count, notes),
+            emission_texcoords: if emission_texcoord_set == texcoord_set {
+                Vec::new()
+            } else {
+                optional(texcoords(emission_texcoord_set), count, notes)
+            },
             colors,
             positions,
         })

@@ -1,15 +1,19 @@
 //! Conversion of glTF materials to diffuse ones.
+//!
+//! Alpha is the factor times that of the texture times that of the vertices: below the threshold
+//! there is a hole.
 
 use super::super::folder_of;
 use super::super::notes::{Note, Notes};
-use super::super::textures::{DecodedTextures, Handle, Role, TextureTable};
+use super::super::textures::{DecodedTextures, Handle, Role, Slot, TextureTable, TextureUse};
 use super::accessor::Buffers;
 use super::raw_json::RawJson;
 use super::uri::UriTarget;
 use crate::load::gltf::uri;
-use crate::material::{Cutout, Material};
+use crate::material::{Cutout, Material, Sampler, Wrap};
 use glam::{Affine2, Mat2, Vec2};
 use gltf::json::material::AlphaMode;
+use gltf::json::mesh::Semantic;
 use gltf::json::validation::Checked;
 use gltf::json::{Root, texture};
 use std::path::Path;
@@ -22,6 +26,18 @@ const BLEND_THRESHOLD: f32 = 0.5;
 pub(super) struct GltfMaterial {
     /// Index into the scene's materials, or `None` for a transparent material.
     pub(super) material: Option<u32>,
+    /// Mapping of the base colour, else that of the emission.
+    pub(super) mapping: Mapping,
+    /// Mapping of the emission, else that of the base colour.
+    pub(super) emission_mapping: Mapping,
+    /// Opacity of vertices below which a triangle is invisible, whatever the texture; 0 if the
+    /// opacity of vertices does not matter.
+    pub(super) least_opacity: f32,
+}
+
+/// Mapping of a texture.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Mapping {
     /// Set of texture coordinates that is used.
     pub(super) texcoord_set: u32,
     /// Maps the texture coordinate of a vertex to that of the image, both with v downward.
@@ -67,6 +83,7 @@ impl GltfMaterials {
             })
             .collect();
         let textures = set.decode(notes);
+        let translucent = materials_with_vertex_opacity(root, buffers);
 
         let mut materials = Vec::new();
         let mut surfaces = Vec::new();
@@ -75,18 +92,27 @@ impl GltfMaterials {
                 .name
                 .clone()
                 .unwrap_or_else(|| format!("material {index}"));
-            let material = convert(m, name, handles, &textures)
-                .filter(|_| used)
-                .map(|material| {
+            let has_opacities = translucent.get(index).copied().unwrap_or(false);
+            let converted = convert(m, name, handles, has_opacities, &textures);
+            let (material, least_opacity) = match converted.filter(|_| used) {
+                Some((material, least_opacity)) => {
                     materials.push(material);
-                    materials.len() as u32 - 1
-                });
+                    (Some(materials.len() as u32 - 1), least_opacity)
+                }
+                None => (None, 0.0),
+            };
             let is_unlit = m
                 .extensions
                 .as_ref()
                 .is_some_and(|extensions| extensions.unlit.is_some());
             notes.add(Note::Unlit, usize::from(is_unlit && material.is_some()));
-            surfaces.push(map_textures(m, material, notes));
+            let [mapping, emission_mapping] = map_textures(m);
+            surfaces.push(GltfMaterial {
+                material,
+                mapping,
+                emission_mapping,
+                least_opacity,
+            });
         }
         if materials.is_empty() {
             materials.push(Material::default());
@@ -132,6 +158,54 @@ fn base_color(m: &gltf::json::Material) -> (Option<&texture::Info>, [f32; 4]) {
     }
 }
 
+/// Returns for each material whether its opacity varies and a primitive with it has vertices that
+/// are not opaque.
+fn materials_with_vertex_opacity(root: &Root, buffers: &Buffers) -> Vec<bool> {
+    let mut found = vec![false; root.materials.len()];
+    for primitive in root.meshes.iter().flat_map(|mesh| &mesh.primitives) {
+        let material = primitive.material.map_or(usize::MAX, |m| m.value());
+        let colors = primitive
+            .attributes
+            .get(&Checked::Valid(Semantic::Colors(0)));
+        let (Some(found), Some(&colors)) = (found.get_mut(material), colors) else {
+            continue;
+        };
+        let is_opaque = threshold(&root.materials[material]) == 0.0;
+        if !*found && !is_opaque && buffers.components(colors) == 4 {
+            let colors = buffers.vectors::<4>(colors).unwrap_or_default();
+            *found = colors.iter().any(|&[.., opacity]| opacity < 1.0);
+        }
+    }
+    found
+}
+
+/// Returns the least alpha of the visible part of a material; 0 if it is opaque.
+fn threshold(m: &gltf::json::Material) -> f32 {
+    match m.alpha_mode {
+        Checked::Valid(AlphaMode::Mask) => m.alpha_cutoff.unwrap_or_default().0,
+        Checked::Valid(AlphaMode::Blend) => BLEND_THRESHOLD,
+        _ => 0.0,
+    }
+}
+
+/// Returns the sampler of a texture. Of the filters only the magnification counts: rays average
+/// over a pixel, and the rasteriser always uses mip levels.
+fn sampler_of_texture(root: &Root, texture: usize) -> Sampler {
+    let index = root.textures.get(texture).and_then(|t| t.sampler);
+    let Some(sampler) = index.and_then(|index| root.samplers.get(index.value())) else {
+        return Sampler::default();
+    };
+    let wrap = |mode: Checked<texture::WrappingMode>| match mode {
+        Checked::Valid(texture::WrappingMode::ClampToEdge) => Wrap::Clamp,
+        Checked::Valid(texture::WrappingMode::MirroredRepeat) => Wrap::Mirror,
+        _ => Wrap::Repeat,
+    };
+    Sampler {
+        wrap: [wrap(sampler.wrap_s), wrap(sampler.wrap_t)],
+        nearest: sampler.mag_filter == Some(Checked::Valid(texture::MagFilter::Nearest)),
+    }
+}
+
 /// Returns the image of a texture: its WebP image, else its own, else its KTX2 image.
 fn image_of_texture(root: &Root, raw: &RawJson, texture: usize) -> Option<usize> {
     let own = root.textures.get(texture)?.source.value();
@@ -156,6 +230,10 @@ fn request_texture(
     notes: &mut Notes,
 ) -> Handle {
     let texture = info.index.value();
+    let texture_use = TextureUse {
+        role: Role::Color,
+        sampler: sampler_of_texture(root, texture),
+    };
     let index = image_of_texture(root, raw, texture);
     let Some((index, image)) = index.and_then(|index| Some((index, root.images.get(index)?)))
     else {
@@ -163,7 +241,7 @@ fn request_texture(
         return set.embedded(
             &format!("texture {texture}"),
             Err(cause.into()),
-            Role::Color,
+            texture_use,
         );
     };
     let name = image.name.clone().unwrap_or_default();
@@ -179,28 +257,26 @@ fn request_texture(
         },
         (None, Some(UriTarget::Data(bytes))) => bytes.as_deref().map_err(Clone::clone),
         (None, Some(UriTarget::File(file))) => {
-            return set.file(file, &[folder_of(path)], Role::Color, notes);
+            return set.file(file, &[folder_of(path)], texture_use, notes);
         }
         (None, None) => Err("it has neither bytes nor a name".into()),
     };
-    set.embedded(&name, bytes, Role::Color)
+    set.embedded(&name, bytes, texture_use)
 }
 
-/// Converts a material; `None` if it is transparent.
+/// Converts a material; `None` if it is transparent. Also returns the opacity of vertices below
+/// which it is invisible; `has_opacities` is true if some vertices are not opaque.
 fn convert(
     m: &gltf::json::Material,
     name: String,
     [base, emissive]: [Option<Handle>; 2],
+    has_opacities: bool,
     textures: &DecodedTextures,
-) -> Option<Material> {
+) -> Option<(Material, f32)> {
     let slot = |handle: Option<Handle>| handle.and_then(|handle| textures.slot(handle));
     let (_, [r, g, b, alpha]) = base_color(m);
     let base_slot = slot(base);
-    let threshold = match m.alpha_mode {
-        Checked::Valid(AlphaMode::Mask) => m.alpha_cutoff.unwrap_or_default().0,
-        Checked::Valid(AlphaMode::Blend) => BLEND_THRESHOLD,
-        _ => 0.0,
-    };
+    let threshold = threshold(m);
     // The factor multiplies the texture's alpha. The threshold is divided instead, so that the
     // texture stays unchanged.
     let threshold = if threshold > 0.0 {
@@ -231,64 +307,60 @@ fn convert(
         m.emissive_factor.0.map(|c| c * strength)
     };
     let finite = |c: f32| if c.is_finite() { c.max(0.0) } else { 0.0 };
-    Some(Material {
+    let is_cut = |slot: &Slot| slot.is_cut_at(threshold) || has_opacities && slot.least_alpha < 255;
+    let alpha_texture = base_slot.filter(is_cut).map(|slot| slot.index);
+    let material = Material {
         name,
         albedo: [r, g, b].map(|c| finite(c).min(1.0)),
         albedo_texture: base_slot.map(|slot| slot.index),
         emission: emission.map(finite),
         emission_texture: emission_slot.map(|slot| slot.index),
         gloss: None,
-        cutout: base_slot
-            .filter(|slot| slot.is_cut_at(threshold))
-            .map(|slot| Cutout {
-                texture: slot.index,
-                threshold,
-            }),
-    })
+        cutout: (alpha_texture.is_some() || has_opacities).then_some(Cutout {
+            texture: alpha_texture,
+            threshold,
+        }),
+        single_sided: false,
+    };
+    let least_opacity = if has_opacities {
+        threshold / greatest_alpha
+    } else {
+        0.0
+    };
+    Some((material, least_opacity))
 }
 
-/// Describes the texture mapping of a material. A vertex of a scene has one texture coordinate:
-/// that of the base colour, else of the emission.
-fn map_textures(
-    m: &gltf::json::Material,
-    material: Option<u32>,
-    notes: &mut Notes,
-) -> GltfMaterial {
-    let mut infos = [base_color(m).0, m.emissive_texture.as_ref()]
-        .into_iter()
-        .flatten();
-    let (texcoord_set, image_from_vertex) = infos
-        .next()
-        .map_or((0, Affine2::IDENTITY), texture_transform);
-    for other in infos.filter(|other| texture_transform(other) != (texcoord_set, image_from_vertex))
-    {
-        notes.add_named(
-            Note::TextureTransformIgnored,
-            format!("texture {}", other.index.value()),
-        );
-    }
-    GltfMaterial {
-        material,
-        texcoord_set,
-        image_from_vertex,
-    }
+/// Returns the mappings of the base colour and of the emission; one without a texture has that of
+/// the other.
+fn map_textures(m: &gltf::json::Material) -> [Mapping; 2] {
+    let base = base_color(m).0.map(texture_transform);
+    let emission = m.emissive_texture.as_ref().map(texture_transform);
+    let neutral = Mapping {
+        texcoord_set: 0,
+        image_from_vertex: Affine2::IDENTITY,
+    };
+    let base = base.or(emission).unwrap_or(neutral);
+    [base, emission.unwrap_or(base)]
 }
 
 /// Returns the set of texture coordinates and the `KHR_texture_transform` of a texture: a scale, a
 /// rotation (counter-clockwise with v downward), an offset.
-fn texture_transform(info: &texture::Info) -> (u32, Affine2) {
+fn texture_transform(info: &texture::Info) -> Mapping {
     match info
         .extensions
         .as_ref()
         .and_then(|extensions| extensions.texture_transform.as_ref())
     {
-        None => (info.tex_coord, Affine2::IDENTITY),
+        None => Mapping {
+            texcoord_set: info.tex_coord,
+            image_from_vertex: Affine2::IDENTITY,
+        },
         Some(t) => {
             let turn = Mat2::from_angle(-t.rotation.0) * Mat2::from_diagonal(Vec2::from(t.scale.0));
-            (
-                t.tex_coord.unwrap_or(info.tex_coord),
-                Affine2::from_mat2_translation(turn, t.offset.0.into()),
-            )
+            Mapping {
+                texcoord_set: t.tex_coord.unwrap_or(info.tex_coord),
+                image_from_vertex: Affine2::from_mat2_translation(turn, t.offset.0.into()),
+            }
         }
     }
 }

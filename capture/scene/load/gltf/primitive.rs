@@ -4,12 +4,12 @@ use super::super::builder::{Builder, TooManyVertices};
 use super::super::notes::Note;
 use super::accessor::Buffers;
 use super::attributes::{Attributes, cofactors};
-use super::material::GltfMaterial;
+use super::material::{GltfMaterial, Mapping};
 use super::pose::Pose;
 use crate::scene::Vertex;
 use ::gltf::json::mesh::{Mode, Primitive};
 use ::gltf::json::validation::Checked;
-use glam::{DAffine3, DVec3, Vec2, Vec3};
+use glam::{DAffine3, DVec3, Vec2};
 
 /// Adds the triangles of a primitive for each transform to the world in `instances`.
 pub(super) fn push_primitive(
@@ -29,8 +29,8 @@ pub(super) fn push_primitive(
     let Some(surface) = surface else {
         return Ok(());
     };
-    let Some(mut attributes) =
-        Attributes::read(primitive, surface.texcoord_set, buffers, &mut builder.notes)
+    let sets = [surface.mapping, surface.emission_mapping].map(|mapping| mapping.texcoord_set);
+    let Some(mut attributes) = Attributes::read(primitive, sets, buffers, &mut builder.notes)
     else {
         return Ok(());
     };
@@ -67,10 +67,19 @@ pub(super) fn push_primitive(
             .add(Note::SeeThrough, valid.len() * instances.len());
         return Ok(());
     };
+    let is_opaque = |&vertex: &usize| {
+        let color = attributes.colors.get(vertex);
+        color.is_none_or(|&[.., opacity]| opacity as f32 >= surface.least_opacity)
+    };
+    let (visible, invisible): (Vec<_>, Vec<_>) =
+        valid.into_iter().partition(|t| t.iter().any(is_opaque));
+    builder
+        .notes
+        .add(Note::SeeThrough, invisible.len() * instances.len());
     for &world_from_node in instances {
         let first = push_vertices(&attributes, world_from_node, surface, builder)?;
         let is_mirrored = world_from_node.matrix3.determinant() < 0.0;
-        for &[a, b, c] in &valid {
+        for &[a, b, c] in &visible {
             let [b, c] = if is_mirrored { [c, b] } else { [b, c] };
             // `push_vertices` has checked that they fit 32 bits.
             builder.push_triangle([a, b, c].map(|vertex| first + vertex as u32), material);
@@ -93,23 +102,43 @@ fn push_vertices(
             .normals
             .get(i)
             .map_or(DVec3::ZERO, |&n| normal_from_node * DVec3::from(n));
-        let texcoord = attributes.texcoords.get(i).map_or(Vec2::ZERO, |&[u, v]| {
-            let in_image = surface
-                .image_from_vertex
-                .transform_point2(Vec2::new(u as f32, v as f32));
-            Vec2::new(in_image.x, 1.0 - in_image.y) // v of glTF is downward
-        });
+        let texcoord = texcoord(attributes.texcoords.get(i), surface.mapping);
+        let is_shared = surface.emission_mapping.texcoord_set == surface.mapping.texcoord_set;
+        let emission_texcoord = if surface.emission_mapping == surface.mapping {
+            texcoord
+        } else {
+            let of_set = if is_shared {
+                &attributes.texcoords
+            } else {
+                &attributes.emission_texcoords
+            };
+            self::texcoord(of_set.get(i), surface.emission_mapping)
+        };
+        let [r, g, b, opacity] = attributes.colors.get(i).copied().unwrap_or([1.0; 4]);
         builder.push_vertex(Vertex {
             position: world_from_node.transform_point3(DVec3::from(position)),
             normal: normal.normalize_or_zero().as_vec3(),
             texcoord,
-            color: attributes
-                .colors
-                .get(i)
-                .map_or(Vec3::ONE, |&[r, g, b, _]| DVec3::new(r, g, b).as_vec3()),
+            emission_texcoord,
+            color: DVec3::new(r, g, b).as_vec3(),
+            opacity: if surface.least_opacity > 0.0 {
+                opacity as f32
+            } else {
+                1.0
+            },
         });
     }
     Ok(first)
+}
+
+/// Returns the texture coordinate of a vertex with v upward; (0, 0) if the file has none.
+fn texcoord(in_file: Option<&[f64; 2]>, mapping: Mapping) -> Vec2 {
+    in_file.map_or(Vec2::ZERO, |&[u, v]| {
+        let in_image = mapping
+            .image_from_vertex
+            .transform_point2(Vec2::new(u as f32, v as f32));
+        Vec2::new(in_image.x, 1.0 - in_image.y) // v of glTF is downward
+    })
 }
 
 fn triangles(mode: Mode, corners: &[usize]) -> Vec<[usize; 3]> {

@@ -19,7 +19,7 @@ use headbox_house::settings::WalkSettings;
 use headbox_house::store::Store;
 use headbox_house::walk::Walker;
 use headbox_model::{Cell, Portal};
-use headbox_scene::material::{Material, Texture};
+use headbox_scene::material::{Material, Sampler, Texture};
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
 
@@ -98,7 +98,7 @@ fn textures(
             [
                 m.albedo_texture,
                 m.emission_texture,
-                m.cutout.map(|cutout| cutout.texture),
+                m.cutout.and_then(|cutout| cutout.texture),
             ]
         })
         .flatten()
@@ -109,10 +109,11 @@ fn textures(
     textures
         .map(|(number, texture)| {
             let bytes = png(texture.texels(), [texture.width(), texture.height()])?;
-            Ok(Part {
-                header: json!({"kind": "texture", "texture": number, "later": true}),
-                bytes,
-            })
+            let mut header = json!({"kind": "texture", "texture": number, "later": true});
+            if texture.sampler() != Sampler::default() {
+                header["sampler"] = json!(texture.sampler());
+            }
+            Ok(Part { header, bytes })
         })
         .collect()
 }
@@ -130,11 +131,15 @@ fn header(house: &House, first: &Camera, floors: &[Floor]) -> Value {
     };
     let portal = |p: &Portal| json!({"cells": p.cells, "polygon": p.polygon.iter().map(|corner| local(*corner)).collect::<Vec<_>>()});
     let material = |m: &Material| {
-        json!({
+        let mut record = json!({
             "albedo": m.albedo.map(|c| c * exposure), "emission": m.emission.map(|c| c.max(0.0) * exposure),
             "albedoTexture": m.albedo_texture, "emissionTexture": m.emission_texture,
             "cutout": m.cutout.map(|cutout| json!([cutout.texture, cutout.threshold])),
-        })
+        });
+        if m.single_sided {
+            record["singleSided"] = json!(true);
+        }
+        record
     };
     json!({
         "centre": origin,

@@ -48,8 +48,8 @@ export class Renderer {
     this.pieces.push({ array, cell: part.cell, box: part.box, runs: part.runs });
   }
 
-  /** A picture, wrapping around, with smaller copies made in linear light. */
-  async addTexture({ texture }, bytes) {
+  /** A picture with its sampler, wrapping around without one, with smaller copies made in linear light. */
+  async addTexture({ texture, sampler }, bytes) {
     const { gl } = this;
     const picture = await pictureOf(bytes, gl.getParameter(gl.MAX_TEXTURE_SIZE));
     const made = gl.createTexture();
@@ -58,6 +58,12 @@ export class Renderer {
     picture.close();
     gl.generateMipmap(gl.TEXTURE_2D);
     gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.LINEAR_MIPMAP_LINEAR);
+    if (sampler) {
+      const modes = { Repeat: gl.REPEAT, Mirror: gl.MIRRORED_REPEAT, Clamp: gl.CLAMP_TO_EDGE };
+      gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_WRAP_S, modes[sampler.wrap[0]]);
+      gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_WRAP_T, modes[sampler.wrap[1]]);
+      if (sampler.nearest) gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MAG_FILTER, gl.NEAREST);
+    }
     const finer = gl.getExtension('EXT_texture_filter_anisotropic');
     if (finer) gl.texParameteri(gl.TEXTURE_2D, finer.TEXTURE_MAX_ANISOTROPY_EXT, 4);
     this.textures[texture] = made;
@@ -85,10 +91,13 @@ export class Renderer {
       let first = 0;
       for (const [material, triangles] of runs) {
         this.meshProgram.use(this.paint(header.materials[material]));
+        if (header.materials[material].singleSided) gl.enable(gl.CULL_FACE);
+        else gl.disable(gl.CULL_FACE);
         gl.drawElements(gl.TRIANGLES, triangles * 3, gl.UNSIGNED_SHORT, first * 6);
         first += triangles;
       }
     }
+    gl.disable(gl.CULL_FACE);
     gl.depthFunc(gl.LEQUAL);
     gl.bindVertexArray(this.nothing);
     this.skyProgram.use({ ...raysOf(camera, origin, this.environment, this.noCube), hole: [0, 0, 0], shade });
