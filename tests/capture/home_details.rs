@@ -330,3 +330,63 @@ fn pictures_and_materials_in_an_archive_are_used() {
             .any(|material| material.albedo == [0.25, 0.5, 0.75])
     );
 }
+
+/// A board of 1 m by 2 m by 10 cm with a pitch or roll of a right angle lies flat on the floor.
+#[test]
+fn pitch_and_roll_tilt_furniture() {
+    let piece = |attributes: &str| {
+        let piece = format!(
+            "<pieceOfFurniture x='200' y='150' width='100' depth='10' height='200' elevation='0' \
+             {attributes}/>"
+        );
+        plan("wallHeight='250'", &(room("") + &walls("") + &piece)).model
+    };
+    let down = |model: &PortalModel, x: f64, z: f64| {
+        let height = 2.4;
+        distance(model, [x, height, z], [0.0, -1.0, 0.0]).expect("a floor") - height as f32
+    };
+    let quarter = std::f64::consts::FRAC_PI_2;
+    let near = |a: f32, b: f32| (a - b).abs() < 1e-4;
+    let upright = piece("");
+    assert!(near(down(&upright, 2.0, 1.5), -2.0) && near(down(&upright, 2.0, 2.3), 0.0));
+    let pitched = piece(&format!("pitch='{quarter}'"));
+    assert!(near(down(&pitched, 2.0, 1.5), -0.1) && near(down(&pitched, 2.0, 2.3), -0.1));
+    let rolled = piece(&format!("roll='{quarter}'"));
+    assert!(near(down(&rolled, 2.0, 1.5), -1.0) && near(down(&rolled, 2.9, 1.5), -1.0));
+}
+
+#[test]
+fn what_a_plan_cannot_build_is_reported() {
+    let size = "x='200' width='90' depth='10' height='200' elevation='0'";
+    let levels =
+        "<level id='l0' elevation='0' height='250'/><level id='l1' elevation='262' height='250'/>";
+    let pieces = format!(
+        "<pieceOfFurniture {size} y='150' staircaseCutOutShape='M0,0 v1 h1 v-1 z'/>\
+         <doorOrWindow {size} y='0' cutOutShape='M0,0 v1 h1 v-1 z'/>\
+         <doorOrWindow {size} y='300' cutOutShape='M0.5,0 L1,1 L0,1 z'>\
+         <transformation name='sweethome3d_opening_on_hinge_1' matrix='1'/></doorOrWindow>"
+    );
+    let content = format!(
+        "{levels}{}{}{pieces}",
+        room("level='l0'"),
+        walls("level='l0' height='200' heightAtEnd='250'")
+    );
+    let notes = plan("", &content).model.scene.summary.notes;
+    for expected in [
+        "1 staircase whose opening in floors and ceilings is not cut",
+        "1 door or window with a hole of another shape or size, cut as the whole rectangle",
+        "1 piece of furniture with moved parts, shown in the pose of the model",
+        "1 room below the topmost storey with sloping walls, built with a level ceiling",
+    ] {
+        assert!(
+            notes.iter().any(|note| note == expected),
+            "{expected}: {notes:?}"
+        );
+    }
+    let plain = plan("", &(room("") + &walls(""))).model.scene.summary.notes;
+    assert_eq!(
+        plain.iter().filter(|note| note.starts_with('1')).count(),
+        0,
+        "{plain:?}"
+    );
+}

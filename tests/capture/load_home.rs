@@ -319,6 +319,37 @@ fn non_home_is_refused() {
         ("b.obj", &obj),
     ]);
     assert!(error_of(&two, "Home.xml").contains("2 OBJ files are in its folder"));
+    let text = home_xml(ROOMS, DOOR);
+    let other = "o chair\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
+    for (files, note) in [
+        (
+            vec![("Home.xml", text.as_str()), ("chair.obj", other)],
+            Some("1 OBJ file in its folder not used"),
+        ),
+        (
+            vec![
+                ("Home.xml", &text),
+                ("chair.obj", other),
+                ("table.obj", other),
+            ],
+            Some("2 OBJ files in its folder not used"),
+        ),
+        (
+            vec![("Home.xml", &text), ("home.obj", other)],
+            Some("home.obj is used as the export of the home because of its name"),
+        ),
+        (
+            vec![("Home.xml", &text), ("chair.obj", other), ("b.obj", &obj)],
+            None,
+        ),
+    ] {
+        let notes = load(&folder(&files), "Home.xml").model.scene.summary.notes;
+        let found = notes.iter().find(|note| note.contains(".obj"));
+        match note {
+            Some(start) => assert!(found.is_some_and(|n| n.starts_with(start)), "{notes:?}"),
+            None => assert_eq!(found, None),
+        }
+    }
     assert!(error_of(&two, "a.obj").contains("unknown home format"));
     assert!(error_of(&two, "none.xml").contains("No such file"));
 }

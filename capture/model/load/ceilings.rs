@@ -57,6 +57,26 @@ impl Home {
         }
     }
 
+    /// Returns the number of rooms below the topmost storey whose ceiling stays level although walls
+    /// of theirs slope.
+    pub(super) fn rooms_under_slopes(&self) -> usize {
+        let is_sloping = |room: &&Room| {
+            let corner_is_near = |wall: &Wall| {
+                let ends = [wall.start, wall.end];
+                room.outline
+                    .iter()
+                    .any(|corner| ends.iter().any(|end| end.distance(*corner) <= CORNER_REACH))
+            };
+            self.walls.iter().any(|wall| {
+                wall.heights[0] != wall.heights[1]
+                    && wall.is_on_storey_of(room)
+                    && corner_is_near(wall)
+            })
+        };
+        let below = |room: &&Room| room.covered && !room.is_topmost;
+        self.rooms.iter().filter(below).filter(is_sloping).count()
+    }
+
     /// Restores ceilings that were switched off: if no room of a home has one, rooms enclosed by
     /// walls or other rooms get theirs. Returns their number.
     pub(super) fn restore_ceilings(&mut self) -> usize {

@@ -85,6 +85,8 @@ pub(super) struct FurniturePiece {
     pub(super) mirrored: bool,
     /// Rotation of the model before it is scaled to its size.
     pub(super) rotation: Option<DMat3>,
+    /// Rotation of the model, of its size, about horizontal axes.
+    pub(super) tilt: Option<DMat3>,
     /// Finish of the whole piece.
     pub(super) finish: Finish,
     /// Finishes of single materials of the model.
@@ -135,6 +137,19 @@ pub(super) struct Home {
     /// Number of rooms, walls, doors, windows and pieces of furniture left out because a number is
     /// missing or invalid.
     pub(super) unreadable: usize,
+    /// Properties of the plan that are missing in geometry built from it.
+    pub(super) unsupported: Unsupported,
+}
+
+/// Numbers of properties of a plan that are not built.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Unsupported {
+    /// Staircases that cut the floors above them.
+    pub(super) staircases: usize,
+    /// Doors and windows whose hole in the wall is not their whole rectangle.
+    pub(super) shaped_openings: usize,
+    /// Pieces of furniture with moved parts, such as an open door.
+    pub(super) moved_parts: usize,
 }
 
 /// Maximum thickness of a wall, centimetres.
@@ -228,6 +243,7 @@ impl Home {
         for kind in ["doorOrWindow", "pieceOfFurniture", "light", "shelfUnit"] {
             for node in elements(kind).filter(is_shown) {
                 let level = level_of(node);
+                home.unsupported.add(node, kind == "doorOrWindow");
                 let opening = (kind == "doorOrWindow").then(|| opening(node, level));
                 match (piece(node, level, opening.is_some()), opening) {
                     (_, Some(None)) | (None, _) => home.unreadable += 1,
@@ -246,6 +262,73 @@ impl Home {
 /// the user's window showed last.)
 fn is_viewable(level: &Node) -> bool {
     level.attribute("viewable") != Some("false")
+}
+
+impl Unsupported {
+    fn add(&mut self, node: Node, is_opening: bool) {
+        let has = |attribute| {
+            node.attribute(attribute)
+                .is_some_and(|text| !text.is_empty())
+        };
+        self.staircases += usize::from(has("staircaseCutOutShape"));
+        self.moved_parts += usize::from(elements(node, "transformation").next().is_some());
+        let is_whole = |(attribute, whole): (&str, f64)| {
+            number(node, attribute).is_none_or(|value| (value - whole).abs() < SHAPE_ROUNDING)
+        };
+        let is_shaped = node
+            .attribute("cutOutShape")
+            .is_some_and(|path| !path.is_empty() && !is_unit_square(path));
+        let parts = [
+            ("wallWidth", 1.0),
+            ("wallLeft", 0.0),
+            ("wallHeight", 1.0),
+            ("wallTop", 0.0),
+        ];
+        let is_partial = is_shaped || !parts.into_iter().all(is_whole);
+        self.shaped_openings += usize::from(is_opening && is_partial);
+    }
+}
+
+/// Error of numbers in shapes, as a share of the piece.
+const SHAPE_ROUNDING: f64 = 1e-3;
+
+/// Returns true if an SVG path consists of lines between corners of the unit square.
+fn is_unit_square(path: &str) -> bool {
+    let mut at = DVec2::ZERO;
+    let mut rest = path.trim();
+    while let Some(command) = rest.chars().next() {
+        let after = &rest[command.len_utf8()..];
+        let end = after
+            .find(|c: char| c.is_ascii_alphabetic() && !matches!(c, 'e' | 'E'))
+            .unwrap_or(after.len());
+        let numbers: Option<Vec<f64>> = after[..end]
+            .split(|c: char| c == ',' || c.is_whitespace())
+            .filter(|word| !word.is_empty())
+            .map(|word| word.parse().ok())
+            .collect();
+        let Some(numbers) = numbers else {
+            return false;
+        };
+        let from = if command.is_ascii_lowercase() {
+            at
+        } else {
+            DVec2::ZERO
+        };
+        at = match (command.to_ascii_lowercase(), numbers.as_slice()) {
+            ('m' | 'l', &[x, y]) => from + DVec2::new(x, y),
+            ('h', &[x]) => DVec2::new(from.x + x, at.y),
+            ('v', &[y]) => DVec2::new(at.x, from.y + y),
+            ('z', []) => at,
+            _ => return false,
+        };
+        let off_corner = (at - at.round().clamp(DVec2::ZERO, DVec2::ONE)).abs();
+        // Also true for NaN.
+        if !(off_corner.max_element() < SHAPE_ROUNDING) {
+            return false;
+        }
+        rest = &after[end..];
+    }
+    true
 }
 
 fn room(node: Node, level: Level) -> Option<Room> {
@@ -339,6 +422,11 @@ fn piece(node: Node, level: Level, is_opening: bool) -> Option<FurniturePiece> {
         // Row-major.
         Some(DMat3::from_cols_array(numbers.as_slice().try_into().ok()?).transpose())
     });
+    let angle = |attribute| number(node, attribute).filter(|&angle| angle != 0.0);
+    // Sweet Home 3D applies one of the two.
+    let tilt = angle("pitch")
+        .map(|pitch| DMat3::from_rotation_x(-pitch))
+        .or_else(|| Some(DMat3::from_rotation_z(-angle("roll")?)));
     let materials = elements(node, "material");
     let material = |m: Node| Some((m.attribute("name")?.to_owned(), finish(m, "color", None)));
     Some(FurniturePiece {
@@ -350,6 +438,7 @@ fn piece(node: Node, level: Level, is_opening: bool) -> Option<FurniturePiece> {
         angle: number(node, "angle").unwrap_or(0.0),
         mirrored: node.attribute("modelMirrored") == Some("true"),
         rotation,
+        tilt,
         finish: finish(node, "color", None),
         materials: materials
             .filter_map(material)
@@ -383,4 +472,29 @@ fn opening(node: Node, level: Level) -> Option<Opening> {
         wall_offset: distance + thickness / 2.0 - depth / 2.0,
         wall_thickness: thickness,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn unit_square_is_told_from_other_shapes() {
+        for path in [
+            "M0,0 v1 h1 v-1 z",
+            "M 0 0 L 1 0 L 1 1 L 0 1 Z",
+            "M0,0V1H1V0Z",
+        ] {
+            assert!(is_unit_square(path), "{path}");
+        }
+        for path in [
+            "M0.5,0 L1,1 L0,1 z",
+            "M0,0.5 C0,0 1,0 1,0.5 z",
+            "M0,0 a1 1 0 0 1 1 1",
+            "M0,0 v2",
+            "?",
+        ] {
+            assert!(!is_unit_square(path), "{path}");
+        }
+    }
 }

@@ -4,6 +4,7 @@ mod additions;
 mod archive;
 mod assign;
 mod ceilings;
+mod export_file;
 mod finish;
 mod home;
 mod leaves;
@@ -73,9 +74,10 @@ pub fn load_scene(path: &Path, options: &LoadOptions) -> Result<Scene, LoadError
 ///
 /// # Sweet Home 3D
 /// The geometry is the home's OBJ export in the same folder: `home.obj`, an OBJ with the name of
-/// the plan, or the only OBJ. Without one the geometry of an archive is built from the plan and the
-/// models and images in the archive: walls with openings, floors, ceilings and furniture. There
-/// corners of walls overlap, and models that are not OBJ become boxes.
+/// the plan, or the only OBJ with groups of rooms or walls. Without one the geometry is built from
+/// the plan and the models and images in the archive: walls with openings, floors, ceilings and
+/// furniture. There corners of walls overlap, models that are not OBJ become boxes, holes of doors
+/// and windows are rectangles, and staircases do not cut the floors above them; notes report this.
 ///
 /// Each room with a ceiling becomes a cell; balconies and terraces are outside. If no room has a
 /// ceiling, they were switched off to look in from above, and rooms enclosed by walls get one.
@@ -92,7 +94,7 @@ pub fn load_scene(path: &Path, options: &LoadOptions) -> Result<Scene, LoadError
 /// name = "flat"                # optional
 /// up = "z"                     # "y" (default) or "z": axis of the scene file and of all coordinates below
 /// unit = 0.01                  # metres to a unit; 1 if absent
-/// scene = "flat.obj"           # .obj, .gltf or .glb, relative to this file
+/// scene = "flat.obj"           # .obj, .gltf, .glb, .ply or .stl, relative to this file
 ///
 /// [[cell]]
 /// name = "hall"

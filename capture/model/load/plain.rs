@@ -3,8 +3,8 @@
 //! that Sweet Home 3D exports, with the same groups, so that all further steps are the same.
 //!
 //! Differences from an export: joined walls intersect instead of being mitred, arc walls consist of
-//! straight pieces, normals and baseboards are missing, and furniture whose model is not an OBJ is
-//! a box. Pitch and roll are not applied.
+//! straight pieces, normals and baseboards are missing, furniture whose model is not an OBJ is a
+//! box, and holes of walls are rectangles.
 
 use super::archive::{Archive, Corner, FaceGroup, Model};
 use super::finish::{Finish, Repeated};
@@ -325,12 +325,17 @@ impl<'a> PlainHome<'a> {
 
     fn piece(&mut self, index: usize, piece: &FurniturePiece) {
         let kind = if piece.is_opening { "door" } else { "piece" };
-        let turn = DMat3::from_rotation_y(-piece.angle);
+        let turn = DMat3::from_rotation_y(-piece.angle) * piece.tilt.unwrap_or(DMat3::IDENTITY);
+        // A tilted piece stands on the lowest corner of its box.
+        let half_height = match piece.tilt {
+            Some(_) => turn.transpose().y_axis.abs().dot(piece.size) / 2.0,
+            None => piece.size.y / 2.0,
+        };
         let place = |p: DVec3| {
             turn * p
                 + DVec3::new(
                     piece.centre.x,
-                    piece.elevation + piece.size.y / 2.0,
+                    piece.elevation + half_height,
                     piece.centre.y,
                 )
         };

@@ -1,7 +1,8 @@
 //! Sweet Home 3D homes: rooms become cells, doors and windows portals.
 
 use super::assign::{Portion, assign_triangles};
-use super::home::{Home, Opening, Room};
+use super::export_file::find_export;
+use super::home::{Home, Opening, Room, Unsupported};
 use super::leaves::closing_groups;
 use super::plain::PlainHome;
 use super::{LoadedModel, ModelOptions};
@@ -12,13 +13,12 @@ use headbox_core::color::linear_from_srgb;
 use headbox_core::file_frame::{FileFrame, UpAxis};
 use headbox_scene::load::obj::load_text as load_obj_text;
 use headbox_scene::load::{
-    Group, GroupedScene, LoadError, LoadOptions, extension_of, file_stem, folder_of, load_grouped,
-    read,
+    Group, GroupedScene, LoadError, LoadOptions, file_stem, load_grouped, read,
 };
 use headbox_scene::scene::{Sky, SkyGradient};
 use std::collections::BTreeSet;
 use std::io::{Cursor, Read};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// Metres per unit of a home.
 const UNIT_M: f64 = 0.01;
@@ -70,7 +70,7 @@ pub(super) fn load(path: &Path, options: &ModelOptions) -> Result<LoadedModel, L
              Plan > Modify rooms > Display ceiling)"
         )),
     }
-    let export = find_export(path);
+    let export = find_export(path, &mut notes);
     let has_export = matches!(export, Ok(Some(_)));
     let grouped = match export {
         Ok(Some(obj)) => load_grouped(
@@ -164,6 +164,7 @@ fn build_from_plan(
             plain.boxes
         ));
     }
+    note_unsupported(home, notes);
     load_obj_text(
         path,
         &plain.text,
@@ -174,6 +175,45 @@ fn build_from_plan(
             ..FileFrame::default()
         },
     )
+}
+
+/// Reports what of a plan is not built.
+fn note_unsupported(home: &Home, notes: &mut Vec<String>) {
+    let mut report = |count: usize, one: &str, many: &str, what: &str| {
+        if count > 0 {
+            let noun = if count == 1 { one } else { many };
+            notes.push(format!("{count} {noun} {what}"));
+        }
+    };
+    let Unsupported {
+        staircases,
+        shaped_openings,
+        moved_parts,
+    } = home.unsupported;
+    report(
+        staircases,
+        "staircase",
+        "staircases",
+        "whose opening in floors and ceilings is not cut",
+    );
+    report(
+        shaped_openings,
+        "door or window",
+        "doors or windows",
+        "with a hole of another shape or size, cut as the whole rectangle",
+    );
+    report(
+        moved_parts,
+        "piece of furniture",
+        "pieces of furniture",
+        "with moved parts, shown in the pose of the model",
+    );
+    report(
+        home.rooms_under_slopes(),
+        "room",
+        "rooms",
+        "below the topmost storey with sloping walls, built with a level ceiling",
+    );
 }
 
 /// Reads the `Home.xml` of an archive.
@@ -190,36 +230,6 @@ fn unpack(bytes: &[u8]) -> Result<Vec<u8>, String> {
         .read_to_end(&mut text)
         .map_err(|cause| format!("its Home.xml cannot be read: {cause}"))?;
     Ok(text)
-}
-
-/// Finds the OBJ export of a plan: with its name, `home.obj`, or the only OBJ in its folder.
-fn find_export(plan: &Path) -> Result<Option<PathBuf>, String> {
-    let folder = if folder_of(plan) == Path::new("") {
-        Path::new(".")
-    } else {
-        folder_of(plan)
-    };
-    let entries =
-        std::fs::read_dir(folder).map_err(|cause| format!("its folder cannot be read: {cause}"))?;
-    let mut all: Vec<PathBuf> = entries
-        .filter_map(|entry| entry.ok().map(|entry| entry.path()))
-        .collect();
-    all.retain(|path| extension_of(path) == "obj");
-    all.sort();
-    let stem = |path: &Path| file_stem(path).to_lowercase();
-    let names = [stem(plan), "home".to_owned()];
-    let named = names
-        .iter()
-        .find_map(|name| all.iter().find(|path| stem(path) == *name));
-    match (named, all.as_slice()) {
-        (Some(path), _) => Ok(Some(path.clone())),
-        (None, [only]) => Ok(Some(only.clone())),
-        (None, []) => Ok(None),
-        (None, several) => Err(format!(
-            "{} OBJ files are in its folder; rename its export to home.obj",
-            several.len()
-        )),
-    }
 }
 
 /// Returns a cell for each room with a ceiling.
