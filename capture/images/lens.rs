@@ -33,17 +33,7 @@ impl Pinhole {
     /// # Errors
     /// The problem, as the rest of a sentence about the field.
     pub(super) fn checked(self) -> Result<Self, &'static str> {
-        if !self.focal_px.iter().all(|&focal| focal > 0.0) {
-            return Err("has a focal length that is not above 0");
-        }
-        if !self
-            .focal_px
-            .iter()
-            .chain(&self.principal_px)
-            .all(|px| px.abs() <= FARTHEST_PX)
-        {
-            return Err("has a focal length or a principal point of more than 1e10 pixels");
-        }
+        check_px(self.focal_px, self.principal_px)?;
         let Distortion { radial, tangential } = self.distortion;
         if radial.iter().chain(&tangential).all(|k| k.is_finite()) {
             Ok(self)
@@ -51,6 +41,21 @@ impl Pinhole {
             Err("has a distortion coefficient that is not finite")
         }
     }
+}
+
+/// Checks that a focal length and a principal point are plausible.
+///
+/// # Errors
+/// The problem, as the rest of a sentence about the field.
+pub(super) fn check_px(focal_px: [f64; 2], principal_px: [f64; 2]) -> Result<(), &'static str> {
+    if !focal_px.iter().all(|&focal| focal > 0.0) {
+        return Err("has a focal length that is not above 0");
+    }
+    let is_near = |px: &f64| px.abs() <= FARTHEST_PX;
+    if !focal_px.iter().chain(&principal_px).all(is_near) {
+        return Err("has a focal length or a principal point of more than 1e10 pixels");
+    }
+    Ok(())
 }
 
 /// OpenCV's distortion of normalised positions: `radial` holds k1, k2, k3 of the numerator and k4,

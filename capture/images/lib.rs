@@ -12,11 +12,15 @@
 //! | nerfstudio `transforms.json`, NeRF `transforms_train.json` | `nerfstudio` | poses, intrinsics, OpenCV distortion, depth in millimetres, panoramas |
 //! | COLMAP, text and binary | `colmap` | cameras, poses; dense depth maps if present |
 //! | RGB-D frames (TSDF demo, 7-Scenes) | `rgbd` | colour, 16-bit depth, pose and intrinsics text |
+//! | ScanNet, TUM and Replica sequences | `rgbd_folders` | colour, 16-bit depth, poses, intrinsics |
+//! | Polycam, Record3D, `cameras.json` of 3D Gaussian Splatting | `phone_exports` | poses, intrinsics, depth if present |
+//! | Metashape's cameras (XML) | `metashape` | aligned cameras, calibrations |
 //! | Middlebury `*_par.txt` | `middlebury` | calibrated photographs |
 //! | `NAME.P`, or `P` in a MATLAB file | `projections` | photographs with projection matrices |
 //! | panoramas | `panorama` | equirectangular, or six cube faces, with depth files next to them |
 //!
 //! Modules in the order of work: `readers` open a folder; `view`, `pose`, `lens`, `depth`,
+//! `camera_model` and `rectify` (images that are resampled into perspective views),
 //! `color_images` and `exr_layer` describe and load one view; `align` runs COLMAP on photographs
 //! without poses; `check` compares neighbouring views; `refine` corrects poses and `register`
 //! colour cameras; `backdrop` masks a dark background; `dense_depth` estimates depth by multi-view
@@ -26,6 +30,7 @@
 
 pub mod align;
 pub mod backdrop;
+mod camera_model;
 pub mod check;
 mod color_images;
 pub mod deep_exr;
@@ -36,6 +41,7 @@ mod lens;
 pub mod planar_layers;
 mod pose;
 mod readers;
+mod rectify;
 mod refine;
 mod register;
 pub mod traced_view;
@@ -45,14 +51,17 @@ pub use crate::color_images::{ColorChannels, ColorPicture, read_color};
 pub use crate::readers::colmap_points::{SparsePoint, read_sparse_points};
 pub use crate::readers::nerfstudio::{SetWriter, write_set};
 pub use align::{AlignError, AlignProgress, AlignStep, Alignment, align};
+pub use camera_model::{CameraModel, Polynomial, Projection};
 pub use check::{CheckReport, Residual, check, check_neighbors};
 pub use depth::{DepthPicture, DepthSource, write_depth_exr};
 pub use lens::{Distortion, Lens, Pinhole};
 pub use pose::Pose;
+pub use rectify::SourceCamera;
 pub use refine::{RefinementReport, RefinementStep};
 pub use register::{Registration, RegistrationModel, RegistrationReport, RegistrationStep};
 pub use view::{LoadedView, MAX_DEPTH_M, View};
 
+use crate::readers::paths::resolve;
 use glam::{DMat3, DVec3};
 use headbox_core::file_frame::FileFrame;
 use headbox_core::image::codec::{self, PictureError};
@@ -78,7 +87,9 @@ pub enum ImagesError {
     /// The folder holds none of the supported formats.
     #[error(
         "{}: not an image set; expected manifest.json (Seurat), transforms.json (nerfstudio), cameras.bin or cameras.txt \
-                 (COLMAP), frame-*.pose.txt (RGB-D frames), *_par.txt (Middlebury), *.P or *.mat (projection matrices), or panoramas with depth next to them \
+                 (COLMAP), frame-*.pose.txt (RGB-D frames), \
+                 pose and color (ScanNet), groundtruth.txt (TUM), traj.txt (Replica), keyframes (Polycam), metadata.json (Record3D), cameras.json (3D Gaussian Splatting), \
+                 *.xml (Metashape), *_par.txt (Middlebury), *.P or *.mat (projection matrices), or panoramas with depth next to them \
                  (NAME.png and NAME_depth.exr); to read a deep EXR, name the file itself",
         path.display()
     )]
@@ -270,6 +281,9 @@ impl ImageSet {
         for reader in [
             readers::colmap::open,
             readers::rgbd::open,
+            readers::rgbd_folders::open,
+            readers::phone_exports::open,
+            readers::metashape::open,
             readers::middlebury::open,
             readers::panorama::open,
             readers::projections::open,
@@ -340,6 +354,7 @@ impl ImageSet {
             let mut distances: Vec<f64> = self
                 .views
                 .iter()
+                .filter(|other| !other.is_same_photograph(view))
                 .map(|other| other.pose.eye.distance(view.pose.eye))
                 .collect();
             if distances.len() > NEIGHBORS + 1 {
@@ -396,72 +411,5 @@ impl ImageSet {
         self.views
             .iter()
             .min_by(|a, b| distance(a).total_cmp(&distance(b)))
-    }
-}
-
-/// Resolves a path in a manifest relative to the manifest's folder. A path out of that folder is an
-/// error unless `allow_outside`.
-fn resolve(
-    manifest: &Path,
-    field: &str,
-    written: &str,
-    allow_outside: bool,
-) -> Result<PathBuf, ImagesError> {
-    use std::path::Component;
-    if written.is_empty() {
-        return Err(ImagesError::field(
-            manifest,
-            field,
-            "is empty, not a file name",
-        ));
-    }
-    let folder = manifest.parent().unwrap_or(Path::new(""));
-    let path = Path::new(written);
-    let mut depth = 0i32;
-    let escapes = path.is_absolute()
-        || path.components().any(|component| {
-            depth += match component {
-                Component::ParentDir => -1,
-                Component::Normal(_) => 1,
-                _ => 0,
-            };
-            depth < 0
-        });
-    if escapes && !allow_outside {
-        return Err(ImagesError::Outside {
-            path: manifest.into(),
-            field: field.into(),
-            leads_to: written.into(),
-        });
-    }
-    Ok(folder.join(path))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn path_out_of_folder_refused() {
-        let manifest = Path::new("/data/set/manifest.json");
-        let resolve_path = |written, allow| resolve(manifest, "color", written, allow);
-        assert_eq!(
-            resolve_path("a/../b.png", false).expect("inside"),
-            Path::new("/data/set/a/../b.png")
-        );
-        for outside in ["../b.png", "a/../../b.png", "/etc/passwd"] {
-            let error = resolve_path(outside, false).expect_err(outside).to_string();
-            assert!(
-                error.contains("manifest.json") && error.contains("color"),
-                "{error}"
-            );
-            assert!(resolve_path(outside, true).is_ok());
-        }
-        assert!(
-            resolve_path("", true)
-                .expect_err("no name")
-                .to_string()
-                .contains("not a file name")
-        );
     }
 }

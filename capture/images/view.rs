@@ -4,6 +4,7 @@ use super::ImagesError;
 use super::depth::DepthSource;
 use super::lens::{Lens, Pinhole};
 use super::pose::Pose;
+use super::rectify::SourceCamera;
 use super::register::Registration;
 use crate::color_images::{ColorChannels, read_channels, read_color, read_size};
 use glam::{DVec2, DVec3};
@@ -39,6 +40,8 @@ pub struct View {
     /// Camera of the colours, if it is not that of the depth. [`Self::load`] reprojects the depth
     /// into it.
     pub registration: Option<Registration>,
+    /// Camera of the files, if they are resampled into this view.
+    pub source: Option<SourceCamera>,
 }
 
 /// A view in memory, without lens distortion.
@@ -79,6 +82,7 @@ impl View {
             depth_scale: 1.0,
             color_channels: None,
             registration: None,
+            source: None,
         }
     }
 
@@ -115,13 +119,20 @@ impl View {
             (depth, None)
         };
         let distorted_view = LoadedView {
-            size_px: self.size_px,
+            size_px: self.file_size_px(),
             lens: self.lens,
             pose: self.pose,
             color,
             depth: distorted,
         };
-        let mut ideal = distorted_view.undistorted();
+        let mut ideal = match &self.source {
+            Some(source) => {
+                let kind = self.depth.as_ref().map(|depth| depth.kind);
+                let kind = kind.unwrap_or(DepthKind::EyeDepth);
+                source.rectified(&distorted_view, self.lens, self.size_px, kind)
+            }
+            None => distorted_view.undistorted(),
+        };
         if let Some(depth) = estimated {
             ideal.depth = depth;
         }
@@ -146,12 +157,17 @@ impl View {
     }
 
     fn check_size(&self, [width, height]: [u32; 2]) -> Result<(), ImagesError> {
-        if [width, height] == self.size_px {
+        let [w, h] = self.file_size_px();
+        if [width, height] == [w, h] {
             return Ok(());
         }
-        let [w, h] = self.size_px;
         let cause = format!("is {width}x{height} pixels, but the set specifies {w}x{h}");
         Err(ImagesError::invalid_picture(&self.color, cause))
+    }
+
+    /// Size of the image file, pixels.
+    fn file_size_px(&self) -> [u32; 2] {
+        self.source.map_or(self.size_px, |source| source.size_px)
     }
 
     fn load_depth(&self) -> Result<Vec<f32>, ImagesError> {
@@ -159,8 +175,14 @@ impl View {
             return Ok(Vec::new());
         };
         let mut picture = source.read()?;
-        if [picture.width, picture.height] != self.size_px {
-            let [w, h] = self.size_px;
+        // Estimated depth belongs to the rectified view.
+        let size_px = if self.has_own_depth() {
+            self.file_size_px()
+        } else {
+            self.size_px
+        };
+        if [picture.width, picture.height] != size_px {
+            let [w, h] = size_px;
             let cause = format!(
                 "is {}x{} pixels, but its image is {w}x{h}",
                 picture.width, picture.height
@@ -169,13 +191,13 @@ impl View {
         }
         for (y, row) in picture
             .values
-            .chunks_exact_mut(self.size_px[0] as usize)
+            .chunks_exact_mut(size_px[0] as usize)
             .enumerate()
         {
             for (x, depth) in row.iter_mut().enumerate() {
                 let scale = match (source.kind, self.lens) {
                     // Converts distance along the ray to a multiple of the ray (C24).
-                    (DepthKind::RayDistance, Lens::Pinhole(_)) => {
+                    (DepthKind::RayDistance, Lens::Pinhole(_)) if self.source.is_none() => {
                         (1.0 / self
                             .lens
                             .ray([x as f64 + 0.5, y as f64 + 0.5], self.size_px)
@@ -187,6 +209,11 @@ impl View {
             }
         }
         Ok(picture.values)
+    }
+
+    /// Returns true if `other` is another view of the same image file.
+    pub(super) fn is_same_photograph(&self, other: &Self) -> bool {
+        self.source.is_some() && self.color == other.color && self.name != other.name
     }
 
     /// Returns true if the view has depth that was not estimated from the photographs.

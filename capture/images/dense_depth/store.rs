@@ -159,6 +159,10 @@ fn fingerprint(view: &View) -> String {
     }
     numbers.extend(view.pose.eye.to_array());
     numbers.extend(view.pose.world_from_eye.to_cols_array());
+    if let Some(source) = &view.source {
+        let text = format!("{source:?}");
+        numbers.extend(text.bytes().map(f64::from));
+    }
     // Adding 0.0 makes -0.0 equal to 0.0.
     let hash = numbers
         .iter()

@@ -1,60 +1,135 @@
 //! Reader of COLMAP's models, text and binary: `cameras`, `images`, and dense depth maps if
 //! present.
 
+use super::colmap_cameras::{model_of_number, parse_lens};
+use super::left_out::LeftOut;
+use super::paths::find_file;
+use super::text;
 use crate::depth::DepthSource;
-use crate::lens::{Distortion, Lens, Pinhole};
+use crate::lens::Lens;
 use crate::pose::Pose;
+use crate::rectify::{ImageLens, ViewList};
 use crate::view::View;
 use crate::{ImageSet, ImagesError};
 use glam::{DMat3, DQuat, DVec3};
 use headbox_core::depth_kind::DepthKind;
 use std::collections::BTreeMap;
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
 /// Intrinsics of an entry of `cameras`.
 struct ColmapCamera {
     size_px: [u32; 2],
-    lens: Lens,
+    lens: ImageLens,
 }
 
 /// Entry of `images`.
 struct ColmapImage {
-    pose: Pose,
+    pose: Result<Pose, String>,
     camera: u32,
     name: String,
 }
 
-/// Subfolders in which a model may lie.
-const MODEL_FOLDERS: [&str; 4] = ["", "sparse/0", "sparse", "colmap/sparse/0"];
+/// Model in a folder or below it.
+pub(super) struct ModelFolder {
+    /// Folder of its files.
+    pub(super) path: PathBuf,
+    /// Extension of its files, `bin` or `txt`.
+    pub(super) extension: &'static str,
+    /// Note on other models, which are left out.
+    note: Option<String>,
+}
 
-/// Finds a model in a folder or below it: its folder and the extension of its files.
-pub(super) fn find_model(folder: &Path) -> Option<(PathBuf, &'static str)> {
-    MODEL_FOLDERS
+/// Returns the extension of the model's files in a folder.
+fn model_extension(folder: &Path) -> Option<&'static str> {
+    let has = |extension: &&str| folder.join(format!("cameras.{extension}")).is_file();
+    ["bin", "txt"].into_iter().find(has)
+}
+
+/// Finds the model in a folder or below it: of several models of a run, the one with most images.
+pub(super) fn find_model(folder: &Path) -> Result<Option<ModelFolder>, ImagesError> {
+    for (below, is_run) in [("", false), ("sparse", true), ("colmap/sparse", true)] {
+        let path = folder.join(below);
+        let mut models = Vec::new();
+        // A run writes its models to the subfolders 0, 1, 2, ...
+        if is_run && path.is_dir() {
+            for model in text::list_folder(&path)? {
+                models.extend(model_extension(&model).map(|extension| (model, extension)));
+            }
+        }
+        if models.is_empty() {
+            models.extend(model_extension(&path).map(|extension| (path, extension)));
+        }
+        if models.len() < 2 {
+            if let Some((path, extension)) = models.pop() {
+                return Ok(Some(ModelFolder {
+                    path,
+                    extension,
+                    note: None,
+                }));
+            }
+            continue;
+        }
+        return choose_model(folder, models).map(Some);
+    }
+    Ok(None)
+}
+
+/// Chooses the model with most images, and names the others.
+fn choose_model(
+    folder: &Path,
+    models: Vec<(PathBuf, &'static str)>,
+) -> Result<ModelFolder, ImagesError> {
+    let images: Vec<u64> = models
         .iter()
-        .map(|subfolder| folder.join(subfolder))
-        .find_map(|model| {
-            let has = |extension: &str| model.join(format!("cameras.{extension}")).is_file();
-            ["bin", "txt"]
-                .into_iter()
-                .find(|extension| has(extension))
-                .map(|extension| (model.clone(), extension))
-        })
+        .map(|(path, extension)| count_images(&path.join(format!("images.{extension}")), extension))
+        .collect();
+    let most = images.iter().copied().max().unwrap_or(0);
+    let chosen = images.iter().position(|&count| count == most).unwrap_or(0);
+    let name = |i: usize| {
+        let path = models[i].0.strip_prefix(folder).unwrap_or(&models[i].0);
+        format!("{} with {} images", path.display(), images[i])
+    };
+    let others: Vec<String> = (0..models.len())
+        .filter(|&i| i != chosen)
+        .map(name)
+        .collect();
+    let note = format!(
+        "{} models: read {}, the largest; left out {}",
+        models.len(),
+        name(chosen),
+        others.join(", ")
+    );
+    let (path, extension) = models[chosen].clone();
+    Ok(ModelFolder {
+        path,
+        extension,
+        note: Some(note),
+    })
+}
+
+/// Returns the number of images that a file of images lists, 0 if it cannot be read.
+fn count_images(file: &Path, extension: &str) -> u64 {
+    if extension == "txt" {
+        let text = std::fs::read_to_string(file).unwrap_or_default();
+        return lines(&text).filter(|(_, line)| is_image_line(line)).count() as u64;
+    }
+    let mut count = [0; 8];
+    let read = std::fs::File::open(file).and_then(|mut file| file.read_exact(&mut count));
+    read.map_or(0, |()| u64::from_le_bytes(count))
 }
 
 /// Opens the set in a folder; `None` without a model.
 pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
-    let Some((model, extension)) = find_model(folder) else {
+    let Some(model) = find_model(folder)? else {
         return Ok(None);
     };
-    let cameras_file = model.join(format!("cameras.{extension}"));
-    let images_file = model.join(format!("images.{extension}"));
-    let (format, cameras, images) = if extension == "bin" {
+    let cameras_file = model.path.join(format!("cameras.{}", model.extension));
+    let images_file = model.path.join(format!("images.{}", model.extension));
+    let (format, cameras, images) = if model.extension == "bin" {
         let cameras = binary_cameras(&cameras_file)?;
-        (
-            "COLMAP model (binary)",
-            cameras,
-            binary_images(&images_file)?,
-        )
+        let images = binary_images(&images_file)?;
+        ("COLMAP model (binary)", cameras, images)
     } else {
         let cameras = text_cameras(&cameras_file)?;
         ("COLMAP model (text)", cameras, text_images(&images_file)?)
@@ -67,17 +142,26 @@ pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
         ));
     }
     let mut views = Vec::new();
-    let pictures = find_image_folder(folder, &model, &images[0].name);
+    let mut left_out = LeftOut::default();
+    let pictures = find_image_folder(folder, &model.path, &images);
     for image in images {
+        let field = format!("image {}", image.name);
         let camera = cameras.get(&image.camera).ok_or_else(|| {
             let cause = format!(
                 "refers to camera {}, which is missing in {}",
                 image.camera,
                 cameras_file.display()
             );
-            ImagesError::field(&images_file, format!("image {}", image.name), cause)
-        })?;
-        let color = pictures.join(&image.name);
+            ImagesError::field(&images_file, field.clone(), cause)
+        });
+        let pose = image.pose;
+        let pose = pose.map_err(|cause| ImagesError::field(&images_file, field, cause));
+        let usable = camera.and_then(|camera| Ok((camera, pose?)));
+        let Some((&ColmapCamera { size_px, lens }, pose)) = left_out.keep(&image.name, usable)?
+        else {
+            continue;
+        };
+        let color = find_file(&pictures, &image.name);
         let depth = ["geometric", "photometric"].into_iter().find_map(|kind| {
             let path = folder
                 .join("stereo/depth_maps")
@@ -85,80 +169,54 @@ pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
             path.is_file()
                 .then(|| DepthSource::metres(path, DepthKind::EyeDepth, 1.0))
         });
-        let &ColmapCamera { size_px, lens } = camera;
-        views.push(View::new(
-            image.name, size_px, lens, image.pose, color, depth,
-        ));
+        // The list sets the lens.
+        let view = View::new(
+            image.name,
+            size_px,
+            Lens::Equirectangular,
+            pose,
+            color,
+            depth,
+        );
+        views.push((view, lens));
     }
-    views.sort_by(|a, b| a.name.cmp(&b.name));
-    Ok(Some(ImageSet::new(folder, format, views)))
+    views.sort_by(|(a, _), (b, _)| a.name.cmp(&b.name));
+    let mut list = ViewList::default();
+    for (view, lens) in views {
+        list.push(view, lens);
+    }
+    let (views, mut notes) = list.finish();
+    notes.extend(model.note);
+    notes.extend(left_out.finish()?);
+    Ok(Some(ImageSet {
+        notes,
+        ..ImageSet::new(folder, format, views)
+    }))
 }
 
-/// Finds the folder of a model's images by the first image's name: `images`, or a folder that
+/// Finds the folder of a model's images by the first images' names: `images`, or a folder that
 /// contains the model.
-fn find_image_folder(folder: &Path, model: &Path, first: &str) -> PathBuf {
+fn find_image_folder(folder: &Path, model: &Path, images: &[ColmapImage]) -> PathBuf {
+    /// Number of images that are looked for: some may be missing.
+    const FIRST: usize = 16;
     let mut candidates = vec![folder.join("images"), model.join("images")];
     candidates.extend(model.parent().map(|parent| parent.join("images")));
     candidates.push(folder.to_owned());
+    candidates.extend(
+        model
+            .ancestors()
+            .skip(2)
+            .take(1)
+            .map(|above| above.join("images")),
+    );
     candidates
         .iter()
-        .find(|candidate| candidate.join(first).is_file())
+        .find(|candidate| {
+            let mut first = images.iter().take(FIRST);
+            first.any(|image| find_file(candidate, &image.name).is_file())
+        })
         .cloned()
         .unwrap_or_else(|| folder.join("images"))
-}
-
-/// Names and parameter counts of COLMAP's camera models by number.
-const MODELS: [(&str, usize); 7] = [
-    ("SIMPLE_PINHOLE", 3),
-    ("PINHOLE", 4),
-    ("SIMPLE_RADIAL", 4),
-    ("RADIAL", 5),
-    ("OPENCV", 8),
-    ("OPENCV_FISHEYE", 8),
-    ("FULL_OPENCV", 12),
-];
-
-/// Converts a camera model and its parameters.
-fn parse_lens(model: &str, p: &[f64]) -> Result<Lens, String> {
-    let one_focal = |radial: [f64; 6]| {
-        (
-            [p[0]; 2],
-            [p[1], p[2]],
-            Distortion {
-                radial,
-                tangential: [0.0; 2],
-            },
-        )
-    };
-    let two_focals = |distortion| ([p[0], p[1]], [p[2], p[3]], distortion);
-    let (focal_px, principal_px, distortion) = match model {
-        "SIMPLE_PINHOLE" => one_focal([0.0; 6]),
-        "PINHOLE" => two_focals(Distortion::default()),
-        "SIMPLE_RADIAL" => one_focal([p[3], 0.0, 0.0, 0.0, 0.0, 0.0]),
-        "RADIAL" => one_focal([p[3], p[4], 0.0, 0.0, 0.0, 0.0]),
-        "OPENCV" => two_focals(Distortion {
-            radial: [p[4], p[5], 0.0, 0.0, 0.0, 0.0],
-            tangential: [p[6], p[7]],
-        }),
-        "FULL_OPENCV" => two_focals(Distortion {
-            radial: [p[4], p[5], p[8], p[9], p[10], p[11]],
-            tangential: [p[6], p[7]],
-        }),
-        other => {
-            let known = "SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV or FULL_OPENCV";
-            return Err(format!(
-                "has the unsupported model {other}; expected {known}: run COLMAP's image_undistorter first"
-            ));
-        }
-    };
-    Ok(Lens::Pinhole(
-        Pinhole {
-            focal_px,
-            principal_px,
-            distortion,
-        }
-        .checked()?,
-    ))
 }
 
 fn parse_camera(
@@ -262,8 +320,7 @@ fn binary_cameras(file: &Path) -> Result<BTreeMap<u32, ColmapCamera>, ImagesErro
         let id = bytes.u32()?;
         let model = bytes.u32()?;
         let size = [bytes.u64()?, bytes.u64()?];
-        let known = MODELS.get(model as usize);
-        let &(name, count) = known.ok_or_else(|| {
+        let (name, count) = model_of_number(model).ok_or_else(|| {
             ImagesError::field(
                 file,
                 format!("camera {id}"),
@@ -305,8 +362,8 @@ fn check_image(
     camera: u32,
     pose: Result<Pose, String>,
 ) -> Result<ColmapImage, ImagesError> {
-    let pose = pose.map_err(|cause| ImagesError::field(file, format!("image {name}"), cause))?;
-    let path = Path::new(&name);
+    let slashed = name.replace('\\', "/");
+    let path = Path::new(&slashed);
     if path.is_absolute()
         || path
             .components()
@@ -349,47 +406,116 @@ fn text_cameras(file: &Path) -> Result<BTreeMap<u32, ColmapCamera>, ImagesError>
         let numbers = numbers
             .filter(|numbers| numbers.len() >= 2)
             .ok_or_else(bad)?;
-        let count = MODELS
-            .iter()
-            .find(|known| known.0 == model)
-            .map(|known| known.1);
-        if count.is_some_and(|count| numbers.len() != count + 2) {
-            return Err(bad());
-        }
         let size = [numbers[0] as u64, numbers[1] as u64];
         cameras.insert(id, parse_camera(id, model, size, &numbers[2..], file)?);
     }
     Ok(cameras)
 }
 
+/// Fields of a line of an image: quaternion, translation, camera and name.
+type ImageLine<'a> = ([f64; 7], u32, &'a str);
+
+/// Parses a line of an image; `None` for others, such as the image's points (X, Y, POINT3D_ID).
+fn parse_image_line(line: &str) -> Option<ImageLine<'_>> {
+    let mut rest = line;
+    let mut next = || {
+        let (word, tail) = rest.split_once(char::is_whitespace)?;
+        rest = tail.trim_start();
+        Some(word)
+    };
+    let _id: u32 = next()?.parse().ok()?;
+    let mut numbers = [0.0; 7];
+    for number in &mut numbers {
+        *number = next()?.parse().ok()?;
+    }
+    let camera = next()?.parse().ok()?;
+    let is_number = |word: &str| word.parse::<f64>().is_ok();
+    // Points at whole pixels look like an image whose name consists of numbers.
+    let words = rest.split_whitespace().count();
+    let is_points = words % 3 == 0 && rest.split_whitespace().all(is_number);
+    (!rest.is_empty() && !is_points).then_some((numbers, camera, rest))
+}
+
+fn is_image_line(line: &str) -> bool {
+    parse_image_line(line).is_some()
+}
+
+/// Reads the images. The line of an image's points may be empty or missing.
 fn text_images(file: &Path) -> Result<Vec<ColmapImage>, ImagesError> {
     let text = std::fs::read_to_string(file).map_err(|cause| ImagesError::io(file, cause))?;
     let mut images = Vec::new();
-    // Every second line lists the image's points and may be empty.
-    for (number, line) in lines(&text).step_by(2).filter(|(_, line)| !line.is_empty()) {
-        let bad = || {
-            ImagesError::field(
+    let is_number = |word: &str| word.parse::<f64>().is_ok();
+    for (number, line) in lines(&text).filter(|(_, line)| !line.is_empty()) {
+        let Some((numbers, camera, name)) = parse_image_line(line) else {
+            let is_points = line.split_whitespace().take(3).all(is_number)
+                && line.split_whitespace().count() % 3 == 0;
+            if is_points && !images.is_empty() {
+                continue;
+            }
+            return Err(ImagesError::field(
                 file,
                 format!("line {number}"),
-                "expected IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME",
-            )
+                "expected IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, or the points of an image",
+            ));
         };
-        let words: Vec<&str> = line.splitn(10, char::is_whitespace).collect();
-        let [_, qw, qx, qy, qz, tx, ty, tz, camera, name] = words[..] else {
-            return Err(bad());
-        };
-        let numbers: Option<Vec<f64>> = [qw, qx, qy, qz, tx, ty, tz]
-            .iter()
-            .map(|word| word.parse().ok())
-            .collect();
-        let (Some(numbers), Ok(camera)) = (numbers, camera.parse()) else {
-            return Err(bad());
-        };
-        let [qw, qx, qy, qz, tx, ty, tz] = numbers[..] else {
-            return Err(bad());
-        };
+        let [qw, qx, qy, qz, tx, ty, tz] = numbers;
         let pose = parse_pose([qw, qx, qy, qz], [tx, ty, tz]);
-        images.push(check_image(file, name.trim().into(), camera, pose)?);
+        images.push(check_image(file, name.into(), camera, pose)?);
     }
     Ok(images)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn images(text: &str) -> Vec<String> {
+        let folder = tempfile::tempdir().expect("a folder");
+        let file = folder.path().join("images.txt");
+        std::fs::write(&file, text).expect("written");
+        let images = text_images(&file).expect("images");
+        images.into_iter().map(|image| image.name).collect()
+    }
+
+    #[test]
+    fn image_lines_recognised_by_content() {
+        let image = |i: u32| format!("{i} 1 0 0 0 0.1 0 0 1 {i} a.png\n");
+        let expected = ["1 a.png", "2 a.png"];
+        for between in [
+            "",
+            "\n",
+            "\n\n",
+            "# next\n",
+            "1.5 2 -1 3 4 7\n",
+            "\n10 20 -1\n",
+        ] {
+            assert_eq!(
+                images(&(image(1) + between + &image(2))),
+                expected,
+                "{between:?}"
+            );
+        }
+        // Twelve whole numbers: the points of image 1.
+        let points = "1 1 0 0 0 0 0 0 1 5 6 -1\n";
+        assert_eq!(images(&(image(1) + points + &image(2) + points)), expected);
+        let aligned = "1  1 0 0 0\t 0.1  0 0 1  1 a.png\n\n2 1 0 0 0 0 0 0 1\t2 a.png";
+        assert_eq!(images(aligned), expected);
+    }
+
+    #[test]
+    fn line_without_image_refused() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let file = folder.path().join("images.txt");
+        for text in [
+            "1 1 0 0 0 0.1 0 0 a.png\n",
+            "1 1 0 0 0 0 0 0 1 a.png\n\nfoo bar\n",
+        ] {
+            std::fs::write(&file, text).expect("written");
+            let error = text_images(&file).err().expect("an error").to_string();
+            assert!(
+                error.contains("line") && error.contains("CAMERA_ID"),
+                "{error}"
+            );
+        }
+    }
 }

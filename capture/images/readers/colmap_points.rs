@@ -21,10 +21,11 @@ pub struct SparsePoint {
 /// # Errors
 /// [`ImagesError::Io`] and [`ImagesError::Field`] if the file of points cannot be read.
 pub fn read_sparse_points(folder: &Path) -> Result<Vec<SparsePoint>, ImagesError> {
-    let Some((model, extension)) = find_model(folder) else {
+    let Some(model) = find_model(folder)? else {
         return Ok(Vec::new());
     };
-    let file = model.join(format!("points3D.{extension}"));
+    let extension = model.extension;
+    let file = model.path.join(format!("points3D.{extension}"));
     if !file.is_file() {
         return Ok(Vec::new());
     }

@@ -8,7 +8,11 @@ use std::path::Path;
 /// Reads a JSON file.
 pub(crate) fn read(path: &Path) -> Result<Value, ImagesError> {
     let text = std::fs::read(path).map_err(|cause| ImagesError::io(path, cause))?;
-    serde_json::from_slice(&text).map_err(|error| {
+    let text = text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&text);
+    let parsed = serde_json::from_slice(text);
+    // Python writes NaN and Infinity, which JSON does not have.
+    let parsed = parsed.or_else(|error| serde_json::from_slice(&replace_nan(text)).or(Err(error)));
+    parsed.map_err(|error| {
         ImagesError::field(
             path,
             "the file",
@@ -19,6 +23,35 @@ pub(crate) fn read(path: &Path) -> Result<Value, ImagesError> {
             ),
         )
     })
+}
+
+/// Replaces `NaN`, `Infinity` and `-Infinity` outside strings by `null`.
+fn replace_nan(text: &[u8]) -> Vec<u8> {
+    let mut replaced = Vec::with_capacity(text.len());
+    let mut rest = text;
+    let mut is_string = false;
+    while let Some((&byte, tail)) = rest.split_first() {
+        let tokens: [&[u8]; 4] = [b"NaN", b"-NaN", b"-Infinity", b"Infinity"];
+        let token = tokens.into_iter().find(|token| rest.starts_with(token));
+        match (byte, token) {
+            (_, Some(token)) if !is_string => {
+                replaced.extend_from_slice(b"null");
+                rest = &rest[token.len()..];
+                continue;
+            }
+            (b'\\', _) if is_string => {
+                replaced.push(byte);
+                replaced.extend(tail.first());
+                rest = tail.get(1..).unwrap_or_default();
+                continue;
+            }
+            (b'"', _) => is_string = !is_string,
+            _ => {}
+        }
+        replaced.push(byte);
+        rest = tail;
+    }
+    replaced
 }
 
 /// An object of a manifest with its file and path.

@@ -1,17 +1,25 @@
 //! Readers of image sets, one module per format.
 //!
 //! `text` and `json` parse numbers and fields with errors that name them; `text` also lists
-//! folders; `mat5` reads variables of MATLAB files. `nerfstudio` also writes sets.
+//! folders; `paths` finds files; `left_out` collects unusable frames; `mat5` reads variables of MATLAB files. `nerfstudio` also writes sets.
 
 pub(crate) mod colmap;
+mod colmap_cameras;
 pub(crate) mod colmap_points;
+mod intrinsics;
 pub(crate) mod json;
+mod left_out;
 mod mat5;
+pub(crate) mod metashape;
 pub(crate) mod middlebury;
 pub(crate) mod nerfstudio;
+mod nerfstudio_lens;
 pub(crate) mod panorama;
+pub(crate) mod paths;
+pub(crate) mod phone_exports;
 pub(crate) mod projections;
 pub(crate) mod rgbd;
+pub(crate) mod rgbd_folders;
 pub(crate) mod seurat;
 #[cfg(test)]
 pub(crate) mod test_set;

@@ -1,10 +1,13 @@
 //! Reader and writer of `transforms.json` of nerfstudio and NeRF.
 
 use super::json::{self as fields, JsonObject};
+use super::left_out::LeftOut;
+use super::nerfstudio_lens::{KeyOwners, note_unknown_keys, read_lens};
 use crate::color_images::read_size;
 use crate::depth::{DepthPicture, DepthSource, write_depth_exr};
-use crate::lens::{Distortion, Lens, Pinhole};
+use crate::lens::Lens;
 use crate::pose::Pose;
+use crate::rectify::{ImageLens, ViewList};
 use crate::view::{LoadedView, View};
 use crate::{ImageSet, ImagesError, resolve};
 use glam::{DMat4, DVec3};
@@ -31,16 +34,26 @@ const FRAME: FileFrame = FileFrame {
 pub(crate) fn open(file: &Path, allow_outside: bool) -> Result<ImageSet, ImagesError> {
     let value = fields::read(file)?;
     let root = JsonObject::root(file, &value);
-    let mut views = Vec::new();
-    for view in root.list("frames")? {
-        views.push(read_view(&root, &view, allow_outside)?);
-    }
-    if views.is_empty() {
+    let mut list = ViewList::default();
+    let mut left_out = LeftOut::default();
+    let frames = root.list("frames")?;
+    if frames.is_empty() {
         return Err(root.error("frames", "is empty"));
     }
+    for frame in frames {
+        let name = frame.value["file_path"].as_str().unwrap_or(&frame.path);
+        let read = read_view(&root, &frame, allow_outside);
+        if let Some((view, lens)) = left_out.keep(name, read)? {
+            list.push(view, lens);
+        }
+    }
+    let (views, mut notes) = list.finish();
+    notes.extend(left_out.finish()?);
+    notes.extend(note_unknown_keys(&value));
     let folder = file.parent().unwrap_or(Path::new(""));
     Ok(ImageSet {
         frame: FRAME,
+        notes,
         ..ImageSet::new(folder, "nerfstudio transforms", views)
     })
 }
@@ -49,15 +62,13 @@ fn read_view(
     root: &JsonObject,
     view: &JsonObject,
     allow_outside: bool,
-) -> Result<View, ImagesError> {
+) -> Result<(View, ImageLens), ImagesError> {
     // Fields that a frame lacks are taken from the file's root.
-    let find_owner = |key: &str| {
-        if view.has(key) || !root.has(key) {
-            view.clone()
-        } else {
-            root.clone()
-        }
+    let keys = KeyOwners {
+        root: root.clone(),
+        frame: view.clone(),
     };
+    let find_owner = |key: &str| keys.owner(&[key]);
     let color = add_extension(resolve(
         view.file,
         &view.field_path("file_path"),
@@ -71,7 +82,7 @@ fn read_view(
     } else {
         read_size(&color)?
     };
-    let lens = read_lens(&find_owner, view, size_px)?;
+    let lens = read_lens(&keys, size_px)?;
     let pose = Pose::from_opengl(view.matrix("transform_matrix")?)
         .map_err(|cause| view.error("transform_matrix", cause))?;
     let resolve_field = |key: &str| {
@@ -96,7 +107,7 @@ fn read_view(
         } else {
             unit_m as f32
         };
-        let kind = if lens == Lens::Equirectangular {
+        let kind = if lens == ImageLens::Direct(Lens::Equirectangular) {
             DepthKind::RayDistance
         } else {
             DepthKind::EyeDepth
@@ -104,10 +115,12 @@ fn read_view(
         DepthSource::metres(path, kind, unit_m)
     });
     let name = view.text("file_path")?.to_owned();
-    Ok(View {
+    let pose = pose.in_world(&FRAME);
+    let view = View {
         mask: resolve_field("mask_path")?,
-        ..View::new(name, size_px, lens, pose.in_world(&FRAME), color, depth)
-    })
+        ..View::new(name, size_px, Lens::Equirectangular, pose, color, depth)
+    };
+    Ok((view, lens))
 }
 
 /// Writes perspective views as a set of their own: undistorted images as `images/NNNNN.png`, and
@@ -220,80 +233,24 @@ fn write_picture(view: &LoadedView, path: &Path) -> Result<(), ImagesError> {
     files::write_whole(path, write).map_err(|cause| ImagesError::io(path, cause))
 }
 
-/// Adds `.png`, which NeRF's synthetic scenes omit, to a path without extension.
+/// Adds the extension, which NeRF's synthetic scenes omit (`.png`), to a path without a file.
 fn add_extension(path: PathBuf) -> PathBuf {
-    if path.extension().is_some() || path.is_file() {
+    if path.is_file() {
+        return path;
+    }
+    // Names such as r_0.5 have a point that begins no extension.
+    let with = |extension: &str| {
+        let mut name = path.clone().into_os_string();
+        name.push(extension);
+        PathBuf::from(name)
+    };
+    let known = [".png", ".jpg", ".jpeg", ".JPG", ".PNG"].map(with);
+    if let Some(found) = known.into_iter().find(|path| path.is_file()) {
+        return found;
+    }
+    if path.extension().is_some() {
         path
     } else {
         path.with_extension("png")
     }
-}
-
-fn read_lens<'a>(
-    find_owner: &impl Fn(&str) -> JsonObject<'a>,
-    view: &JsonObject,
-    size_px: [u32; 2],
-) -> Result<Lens, ImagesError> {
-    let model = find_owner("camera_model");
-    let model = if model.has("camera_model") {
-        model.text("camera_model")?
-    } else {
-        "OPENCV"
-    };
-    match model {
-        "EQUIRECTANGULAR" => return Ok(Lens::Equirectangular),
-        "OPENCV" | "PINHOLE" | "SIMPLE_PINHOLE" => {}
-        other => {
-            let cause = format!(
-                "is \"{other}\"; expected PINHOLE, OPENCV or EQUIRECTANGULAR: undistort the images first"
-            );
-            return Err(view.error("camera_model", cause));
-        }
-    }
-    let number = |key: &str, default: f64| find_owner(key).number_or(key, default);
-    let [width, height] = size_px.map(f64::from);
-    let focal = |key: &str, angle_key: &str, side: f64| {
-        let object = find_owner(key);
-        if object.has(key) {
-            return object.number(key).map(Some);
-        }
-        let object = find_owner(angle_key);
-        if !object.has(angle_key) {
-            return Ok(None);
-        }
-        let angle = object.number(angle_key)?;
-        if angle > 0.0 && angle < std::f64::consts::PI {
-            Ok(Some(0.5 * side / (angle / 2.0).tan()))
-        } else {
-            let cause = format!("is {angle}, not an angle between 0 and pi");
-            Err(object.error(angle_key, cause))
-        }
-    };
-    let fl_x = focal("fl_x", "camera_angle_x", width)?;
-    let fl_y = focal("fl_y", "camera_angle_y", height)?;
-    let Some(focal_x) = fl_x.or(fl_y) else {
-        return Err(view.error(
-            "fl_x",
-            "is missing, and so is camera_angle_x: one of them must specify the field of view",
-        ));
-    };
-    let focal_px = [focal_x, fl_y.unwrap_or(focal_x)];
-    let radial = [
-        number("k1", 0.0)?,
-        number("k2", 0.0)?,
-        number("k3", 0.0)?,
-        number("k4", 0.0)?,
-        0.0,
-        0.0,
-    ];
-    let tangential = [number("p1", 0.0)?, number("p2", 0.0)?];
-    let principal_px = [number("cx", width / 2.0)?, number("cy", height / 2.0)?];
-    let lens = Pinhole {
-        focal_px,
-        principal_px,
-        distortion: Distortion { radial, tangential },
-    };
-    lens.checked()
-        .map(Lens::Pinhole)
-        .map_err(|cause| view.error("fl_x", cause))
 }

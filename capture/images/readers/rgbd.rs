@@ -2,14 +2,14 @@
 //! `.pose.txt` (camera to world), with 3x3 intrinsics next to them; the layout of the TSDF demo and
 //! of 7-Scenes.
 
+use super::intrinsics::{create_pinhole, pose_from_rows, read_intrinsics};
+use super::left_out::LeftOut;
 use crate::color_images::read_size;
 use crate::depth::DepthSource;
-use crate::lens::{Distortion, Lens, Pinhole};
-use crate::pose::Pose;
+use crate::lens::Lens;
 use crate::readers::text;
 use crate::view::View;
 use crate::{ImageSet, ImagesError};
-use glam::DMat4;
 use headbox_core::depth_kind::DepthKind;
 use std::path::{Path, PathBuf};
 
@@ -27,11 +27,7 @@ pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
     };
     let mut notes = Vec::new();
     let pinhole = match find_intrinsics(&frame_folder, folder) {
-        Some(file) => {
-            let k = text::read_numbers(&file, 9, "the 3x3 intrinsics")?;
-            let checked = create_pinhole([k[0], k[4]], [k[2], k[5]]).checked();
-            checked.map_err(|cause| ImagesError::field(&file, "the 3x3 intrinsics", cause))?
-        }
+        Some(file) => read_intrinsics(&file)?,
         None => {
             let [focal, x, y] = SEVEN_SCENES;
             notes.push(format!(
@@ -42,6 +38,7 @@ pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
     };
     let lens = Lens::Pinhole(pinhole);
     let mut views = Vec::new();
+    let mut left_out = LeftOut::default();
     let mut without_pose = Vec::new();
     let mut without_depth = Vec::new();
     for pose_file in poses {
@@ -49,31 +46,33 @@ pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
             .to_string_lossy()
             .trim_end_matches("pose.txt")
             .to_owned();
-        let matrix: [f64; 16] = match text::read_numbers(&pose_file, 16, "the 4x4 pose") {
-            Ok(numbers) => numbers.try_into().unwrap_or([0.0; 16]),
-            // Trackers write infinities where tracking was lost.
-            Err(ImagesError::Field { .. }) if is_lost(&pose_file) => {
-                without_pose.push(text::file_name(&pose_file));
-                continue;
-            }
-            Err(error) => return Err(error),
-        };
-        let pose = Pose::from_opencv(DMat4::from_cols_array(&matrix).transpose());
-        let pose = pose.map_err(|cause| ImagesError::field(&pose_file, "the 4x4 pose", cause))?;
+        let pose = text::read_number_list(&pose_file).and_then(|numbers| {
+            pose_from_rows(&numbers)
+                .map_err(|cause| ImagesError::field(&pose_file, "the 4x4 pose", cause))
+        });
+        // Trackers write infinities where tracking was lost.
+        if pose.is_err() && is_lost(&pose_file) {
+            without_pose.push(text::file_name(&pose_file));
+            continue;
+        }
         let file = |extension: &str| PathBuf::from(format!("{stem}{extension}"));
         let color = [file("color.png"), file("color.jpg")]
             .into_iter()
             .find(|path| path.is_file());
         let color = color.unwrap_or_else(|| file("color.png"));
-        let size_px = read_size(&color)?;
+        let name = text::file_name(&color);
+        let frame = pose.and_then(|pose| Ok((pose, read_size(&color)?)));
+        let Some((pose, size_px)) = left_out.keep(&name, frame)? else {
+            continue;
+        };
         let depth = Some(file("depth.png")).filter(|path| path.is_file());
         if depth.is_none() {
             without_depth.push(text::file_name(&color));
         }
         let depth = depth.map(|path| DepthSource::metres(path, DepthKind::EyeDepth, DEPTH_UNIT_M));
-        let name = text::file_name(&color);
         views.push(View::new(name, size_px, lens, pose, color, depth));
     }
+    notes.extend(left_out.finish()?);
     if views.is_empty() {
         return Err(ImagesError::field(
             &frame_folder,
@@ -92,19 +91,12 @@ pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
     }))
 }
 
-/// Creates a pinhole from intrinsics with pixel centres at integers.
-fn create_pinhole(focal_px: [f64; 2], principal: [f64; 2]) -> Pinhole {
-    Pinhole {
-        focal_px,
-        principal_px: principal.map(|c| c + 0.5),
-        distortion: Distortion::default(),
-    }
-}
-
 /// Returns true if a pose file contains numbers that are not finite.
 fn is_lost(pose_file: &Path) -> bool {
-    std::fs::read_to_string(pose_file)
-        .is_ok_and(|text| text.to_lowercase().contains("inf") || text.contains("nan"))
+    std::fs::read_to_string(pose_file).is_ok_and(|text| {
+        let text = text.to_lowercase();
+        text.contains("inf") || text.contains("nan")
+    })
 }
 
 /// Finds the intrinsics next to the frames, in a folder above them up to `folder`, or next to

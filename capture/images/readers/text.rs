@@ -12,6 +12,16 @@ pub(super) fn list_folder(folder: &Path) -> Result<Vec<PathBuf>, ImagesError> {
     Ok(paths)
 }
 
+/// Reads a text file of numbers, regardless of line breaks; numbers may be `nan` or infinite.
+pub(super) fn read_number_list(path: &Path) -> Result<Vec<f64>, ImagesError> {
+    let text = std::fs::read_to_string(path).map_err(|cause| ImagesError::io(path, cause))?;
+    let words = text
+        .split([' ', '\t', ',', '\r', '\n'])
+        .filter(|word| !word.is_empty());
+    let numbers: Result<Vec<f64>, _> = words.map(str::parse).collect();
+    numbers.map_err(|_| ImagesError::field(path, "the file", "must hold numbers alone"))
+}
+
 /// Reads a text file of exactly `count` numbers, regardless of line breaks. `field` names them in
 /// errors.
 pub(super) fn read_numbers(

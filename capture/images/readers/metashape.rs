@@ -1,0 +1,262 @@
+//! Reader of Agisoft Metashape's cameras (`File > Export > Export Cameras`, XML) next to images.
+
+use super::intrinsics::pose_from_rows;
+use super::left_out::LeftOut;
+use super::rgbd_folders::find_image;
+use super::text;
+use crate::camera_model::{CameraModel, Polynomial, Projection};
+use crate::color_images::read_size;
+use crate::lens::{Distortion, Lens, Pinhole};
+use crate::rectify::{ImageLens, ViewList};
+use crate::view::View;
+use crate::{ImageSet, ImagesError};
+use roxmltree::{Document, Node};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// Maximum length of a file of cameras, bytes: some kilobytes each.
+const MAX_BYTES: u64 = 1 << 30;
+
+/// Opens the set in a folder; `None` without a file of cameras.
+pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
+    for file in text::list_folder(folder)? {
+        let is_xml = file.extension().is_some_and(|extension| extension == "xml");
+        let is_small = std::fs::metadata(&file).is_ok_and(|data| data.len() <= MAX_BYTES);
+        if !(is_xml && is_small) {
+            continue;
+        }
+        let text = std::fs::read_to_string(&file).map_err(|cause| ImagesError::io(&file, cause))?;
+        if text.contains("<chunk") && text.contains("<sensors") {
+            return read(folder, &file, &text).map(Some);
+        }
+    }
+    Ok(None)
+}
+
+/// Camera of a sensor.
+struct Sensor {
+    size_px: [u32; 2],
+    lens: ImageLens,
+    has_skew: bool,
+}
+
+fn child<'a>(node: Node<'a, 'a>, name: &str) -> Option<Node<'a, 'a>> {
+    node.children().find(|node| node.has_tag_name(name))
+}
+
+fn number(node: Node, name: &str) -> Option<f64> {
+    child(node, name)?.text()?.trim().parse().ok()
+}
+
+fn numbers(node: Option<Node>) -> Option<Vec<f64>> {
+    let text = node?.text()?;
+    text.split_whitespace()
+        .map(|word| word.parse().ok())
+        .collect()
+}
+
+fn read(folder: &Path, file: &Path, text: &str) -> Result<ImageSet, ImagesError> {
+    let bad = |field: &str, cause: &str| ImagesError::field(file, field, cause);
+    let document =
+        Document::parse(text).map_err(|error| bad("the file", &format!("is not XML: {error}")))?;
+    let find = |name| document.descendants().find(|node| node.has_tag_name(name));
+    let chunk = find("chunk").ok_or_else(|| bad("chunk", "is missing"))?;
+    let mut sensors = BTreeMap::new();
+    let mut notes = Vec::new();
+    for node in chunk
+        .descendants()
+        .filter(|node| node.has_tag_name("sensor"))
+    {
+        let id = node.attribute("id").unwrap_or_default();
+        let sensor = read_sensor(node)
+            .map_err(|cause| ImagesError::field(file, format!("sensor {id}"), cause));
+        sensors.insert(id, sensor);
+    }
+    let skewed = sensors
+        .values()
+        .filter(|sensor| matches!(sensor, Ok(s) if s.has_skew))
+        .count();
+    if skewed > 0 {
+        notes.push(format!("the skew (b2) of {skewed} sensors is ignored"));
+    }
+    let cameras: Vec<Node> = chunk
+        .descendants()
+        .filter(|node| node.has_tag_name("camera") && node.has_attribute("sensor_id"))
+        .collect();
+    let scale = read_scale(chunk);
+    let component = largest_component(&cameras);
+    let mut list = ViewList::default();
+    let mut left_out = LeftOut::default();
+    let mut is_empty = true;
+    for camera in cameras {
+        let label = camera.attribute("label").unwrap_or_default();
+        let frame = || {
+            let fail = |cause: &str| ImagesError::field(file, format!("camera {label}"), cause);
+            let rows = numbers(child(camera, "transform")).ok_or_else(|| fail("is not aligned"))?;
+            if matches!(camera.attribute("enabled"), Some("0" | "false")) {
+                return Err(fail("is disabled"));
+            }
+            if camera.attribute("component_id") != component {
+                return Err(fail("is of a smaller component"));
+            }
+            let mut pose = pose_from_rows(&rows).map_err(|cause| fail(&cause))?;
+            pose.eye *= scale;
+            let id = camera.attribute("sensor_id").unwrap_or_default();
+            let sensor = match sensors.get(id) {
+                Some(Ok(sensor)) => sensor,
+                Some(Err(error)) => return Err(fail(&format!("has an unusable sensor: {error}"))),
+                None => return Err(fail(&format!("refers to sensor {id}, which is missing"))),
+            };
+            let color = find_color(folder, label).ok_or_else(|| fail("has no image file"))?;
+            let size_px = read_size(&color)?;
+            if size_px != sensor.size_px {
+                let [w, h] = sensor.size_px;
+                let cause = format!("is {}x{} pixels, not {w}x{h}", size_px[0], size_px[1]);
+                return Err(ImagesError::invalid_picture(&color, cause));
+            }
+            let lens = Lens::Equirectangular;
+            Ok((
+                View::new(label.into(), size_px, lens, pose, color, None),
+                sensor.lens,
+            ))
+        };
+        if let Some((view, lens)) = left_out.keep(label, frame())? {
+            is_empty = false;
+            list.push(view, lens);
+        }
+    }
+    let (views, more) = list.finish();
+    notes.extend(more);
+    notes.extend(left_out.finish()?);
+    if is_empty {
+        return Err(bad("cameras", "lists no camera of Metashape"));
+    }
+    Ok(ImageSet {
+        notes,
+        ..ImageSet::new(folder, "Metashape cameras", views)
+    })
+}
+
+/// Returns the metres per unit of the chunk's coordinates. The rotation and translation to the
+/// globe are left out: they would put the eyes thousands of kilometres from the origin.
+fn read_scale(chunk: Node) -> f64 {
+    let of = |node: Node| {
+        let transform = child(node, "transform")?;
+        number(transform, "scale")
+    };
+    let components = chunk
+        .descendants()
+        .filter(|node| node.has_tag_name("component"));
+    let scale = of(chunk).or_else(|| components.into_iter().find_map(of));
+    scale
+        .filter(|scale| scale.is_finite() && *scale > 0.0)
+        .unwrap_or(1.0)
+}
+
+/// Returns the component with most aligned cameras.
+fn largest_component<'a>(cameras: &[Node<'a, 'a>]) -> Option<&'a str> {
+    let mut counts: BTreeMap<Option<&str>, usize> = BTreeMap::new();
+    let aligned = cameras
+        .iter()
+        .filter(|camera| child(**camera, "transform").is_some());
+    for camera in aligned {
+        *counts.entry(camera.attribute("component_id")).or_default() += 1;
+    }
+    let most = counts.values().copied().max()?;
+    counts.into_iter().find(|(_, count)| *count == most)?.0
+}
+
+/// Finds the image of a camera, whose label is the file's name with or without its extension.
+fn find_color(folder: &Path, label: &str) -> Option<PathBuf> {
+    let name = Path::new(label).file_name()?.to_str()?;
+    let places = ["images", "input", ""].map(|place| folder.join(place));
+    places.into_iter().find_map(|place| {
+        let whole = super::paths::find_file(&place, name);
+        let found = if whole.is_file() {
+            whole
+        } else {
+            find_image(&place, name)
+        };
+        found.is_file().then_some(found)
+    })
+}
+
+/// Reads a sensor: Brown's distortion about the centre of the image, or an equidistant fisheye.
+fn read_sensor(node: Node) -> Result<Sensor, String> {
+    let resolution = child(node, "resolution").ok_or("has no resolution")?;
+    let side = |name: &str| {
+        let side = resolution
+            .attribute(name)
+            .and_then(|side| side.parse::<u32>().ok());
+        side.filter(|side| (1..=headbox_core::camera::Camera::MAX_SIDE_PX).contains(side))
+            .ok_or_else(|| format!("has no {name} in pixels"))
+    };
+    let size_px = [side("width")?, side("height")?];
+    let kind = node.attribute("type").unwrap_or("frame");
+    if kind == "spherical" {
+        return Ok(Sensor {
+            size_px,
+            lens: ImageLens::Direct(Lens::Equirectangular),
+            has_skew: false,
+        });
+    }
+    let calibrations = || {
+        node.children()
+            .filter(|node| node.has_tag_name("calibration"))
+    };
+    let adjusted = calibrations().find(|node| node.attribute("class") == Some("adjusted"));
+    let calibration = adjusted
+        .or_else(|| calibrations().next())
+        .ok_or("has no calibration of its lens")?;
+    let value = |name: &str| number(calibration, name).unwrap_or(0.0);
+    let focal = number(calibration, "f")
+        .or_else(|| number(calibration, "fy"))
+        .ok_or("has no focal length")?;
+    let focal_px = [
+        number(calibration, "fx").unwrap_or(focal) + value("b1"),
+        focal,
+    ];
+    let principal_px = [
+        f64::from(size_px[0]) / 2.0 + value("cx"),
+        f64::from(size_px[1]) / 2.0 + value("cy"),
+    ];
+    let k = ["k1", "k2", "k3", "k4"].map(value);
+    // Metashape's p1 is OpenCV's p2.
+    let tangential = [value("p2"), value("p1")];
+    let projection = match kind {
+        "frame" if k[3] == 0.0 => {
+            let lens = Pinhole {
+                focal_px,
+                principal_px,
+                distortion: Distortion {
+                    radial: [k[0], k[1], k[2], 0.0, 0.0, 0.0],
+                    tangential,
+                },
+            };
+            return Ok(Sensor {
+                size_px,
+                lens: ImageLens::Direct(Lens::Pinhole(lens.checked()?)),
+                has_skew: value("b2") != 0.0,
+            });
+        }
+        "frame" => Projection::Plane(Polynomial::of_plane(&k, tangential)),
+        "fisheye" | "equidistant_fisheye" => {
+            Projection::Fisheye(Polynomial::of_angles(&k, tangential, [0.0; 4], false))
+        }
+        other => {
+            return Err(format!(
+                "is of the type {other}; expected frame, fisheye or spherical"
+            ));
+        }
+    };
+    let model = CameraModel {
+        focal_px,
+        principal_px,
+        projection,
+    };
+    Ok(Sensor {
+        size_px,
+        lens: ImageLens::Resampled(model.checked()?),
+        has_skew: value("b2") != 0.0,
+    })
+}

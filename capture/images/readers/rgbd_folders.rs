@@ -1,0 +1,373 @@
+//! Reader of RGB-D sequences in folders: ScanNet (`color`, `depth`, `pose`, `intrinsic`), TUM
+//! (`rgb.txt`, `depth.txt`, `groundtruth.txt`) and Replica (`results`, `traj.txt`).
+
+use super::intrinsics::{create_pinhole, pose_from_rows, read_intrinsics};
+use super::json::{self, JsonObject};
+use super::left_out::LeftOut;
+use super::paths::resolve;
+use super::text;
+use crate::color_images::read_size;
+use crate::depth::DepthSource;
+use crate::lens::{Distortion, Lens, Pinhole};
+use crate::pose::Pose;
+use crate::view::View;
+use crate::{ImageSet, ImagesError};
+use glam::{DMat4, DQuat, DVec3};
+use headbox_core::depth_kind::DepthKind;
+use std::path::{Path, PathBuf};
+
+/// Metres per step of depth of ScanNet.
+const SCANNET_UNIT_M: f32 = 0.001;
+
+/// Metres per step of depth of TUM.
+const TUM_UNIT_M: f32 = 1.0 / 5000.0;
+
+/// Largest difference of the times of an image, its depth and its pose, seconds.
+const MAX_TIME_S: f64 = 0.02;
+
+/// Steps of depth per metre, focal length, and principal point of Replica as NICE-SLAM renders it.
+const REPLICA: [f64; 4] = [6553.5, 600.0, 599.5, 339.5];
+
+/// Default camera of TUM's sensors at 640x480: focal lengths and principal point.
+const TUM_CAMERA: [f64; 4] = [525.0, 525.0, 319.5, 239.5];
+
+/// Opens the sequence in a folder; `None` if it has none of the layouts.
+pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
+    if folder.join("pose").is_dir() && folder.join("color").is_dir() {
+        return open_scannet(folder).map(Some);
+    }
+    if folder.join("groundtruth.txt").is_file() && folder.join("rgb.txt").is_file() {
+        return open_tum(folder).map(Some);
+    }
+    if folder.join("traj.txt").is_file() && folder.join("results").is_dir() {
+        return open_replica(folder).map(Some);
+    }
+    Ok(None)
+}
+
+/// Frames of a sequence.
+struct Sequence {
+    views: Vec<View>,
+    left_out: LeftOut,
+    without_depth: Vec<String>,
+}
+
+impl Sequence {
+    fn new() -> Self {
+        Self {
+            views: Vec::new(),
+            left_out: LeftOut::default(),
+            without_depth: Vec::new(),
+        }
+    }
+
+    /// Adds a frame; `depth` is a file and metres per step.
+    fn add(
+        &mut self,
+        color: PathBuf,
+        depth: Option<(PathBuf, f32)>,
+        pose: Result<Pose, ImagesError>,
+        lens: Pinhole,
+    ) -> Result<(), ImagesError> {
+        let name = text::file_name(&color);
+        let frame = pose.and_then(|pose| Ok((pose, read_size(&color)?)));
+        let Some((pose, size_px)) = self.left_out.keep(&name, frame)? else {
+            return Ok(());
+        };
+        let depth = depth.filter(|(path, _)| path.is_file());
+        if depth.is_none() {
+            self.without_depth.push(name.clone());
+        }
+        let depth =
+            depth.map(|(path, unit_m)| DepthSource::metres(path, DepthKind::EyeDepth, unit_m));
+        let lens = Lens::Pinhole(lens);
+        self.views
+            .push(View::new(name, size_px, lens, pose, color, depth));
+        Ok(())
+    }
+
+    fn finish(
+        self,
+        folder: &Path,
+        format: &'static str,
+        mut notes: Vec<String>,
+    ) -> Result<ImageSet, ImagesError> {
+        notes.extend(self.left_out.finish()?);
+        notes.extend(
+            text::abbreviate(&self.without_depth).map(|names| format!("without depth: {names}")),
+        );
+        if self.views.is_empty() {
+            return Err(ImagesError::field(folder, format, "lists no frame"));
+        }
+        Ok(ImageSet {
+            notes,
+            ..ImageSet::new(folder, format, self.views)
+        })
+    }
+}
+
+/// Returns the image `stem` in a folder, `stem.jpg` if there is none.
+pub(super) fn find_image(folder: &Path, stem: &str) -> PathBuf {
+    let named = |extension: &str| folder.join(format!("{stem}.{extension}"));
+    ["jpg", "png", "jpeg", "JPG", "PNG", "JPEG", "exr"]
+        .map(named)
+        .into_iter()
+        .find(|path| path.is_file())
+        .unwrap_or_else(|| named("jpg"))
+}
+
+/// Reads a number at the end of a name, so that 10 follows 9.
+fn number_of(path: &Path) -> (Option<u64>, String) {
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    (stem.parse().ok(), stem.into_owned())
+}
+
+fn open_scannet(folder: &Path) -> Result<ImageSet, ImagesError> {
+    let names = ["intrinsic_color.txt", "intrinsic_depth.txt"];
+    let places = ["intrinsic", "intrinsics", ""];
+    let find = |name: &str| {
+        let files = places.map(|place| folder.join(place).join(name));
+        files.into_iter().find(|file| file.is_file())
+    };
+    let Some(file) = find(names[0]) else {
+        let cause = "is missing: a ScanNet sequence (color, depth, pose) needs its intrinsics";
+        let expected = folder.join("intrinsic").join(names[0]);
+        return Err(ImagesError::field(&expected, "the file", cause));
+    };
+    let lens = read_intrinsics(&file)?;
+    let mut notes = Vec::new();
+    if let Some(depth_file) = find(names[1]) {
+        let depth = read_intrinsics(&depth_file)?;
+        let ratios = [0, 1].map(|i| lens.focal_px[i] / depth.focal_px[i]);
+        if (ratios[0] / ratios[1] - 1.0).abs() > 0.02 {
+            notes.push(
+                "the depth camera's proportions differ from the colour camera's: depth is taken \
+                 as registered to colour"
+                    .into(),
+            );
+        }
+    }
+    let is_pose = |path: &PathBuf| path.extension().is_some_and(|extension| extension == "txt");
+    let mut poses = text::list_folder(&folder.join("pose"))?;
+    poses.retain(is_pose);
+    poses.sort_by_key(|path| number_of(path));
+    let mut sequence = Sequence::new();
+    for pose_file in poses {
+        let (_, stem) = number_of(&pose_file);
+        let pose = text::read_number_list(&pose_file).and_then(|numbers| {
+            pose_from_rows(&numbers)
+                .map_err(|cause| ImagesError::field(&pose_file, "the 4x4 pose", cause))
+        });
+        let depth = folder.join("depth").join(format!("{stem}.png"));
+        let color = find_image(&folder.join("color"), &stem);
+        sequence.add(color, Some((depth, SCANNET_UNIT_M)), pose, lens)?;
+    }
+    sequence.finish(folder, "ScanNet sequence", notes)
+}
+
+/// Entry of a list of TUM: time, seconds, and the words behind it.
+type TimedLine = (f64, Vec<String>);
+
+/// Reads a list of TUM, sorted by time.
+fn read_timed(file: &Path) -> Result<Vec<TimedLine>, ImagesError> {
+    let text = std::fs::read_to_string(file).map_err(|cause| ImagesError::io(file, cause))?;
+    let mut lines = Vec::new();
+    for (number, line) in super::colmap::lines(&text).filter(|(_, line)| !line.is_empty()) {
+        let mut words = line.split([' ', '\t', ',']).filter(|word| !word.is_empty());
+        let time = words.next().and_then(|word| word.parse::<f64>().ok());
+        let time = time.filter(|time| time.is_finite()).ok_or_else(|| {
+            let cause = "expected a time in seconds, then what was recorded";
+            ImagesError::field(file, format!("line {number}"), cause)
+        })?;
+        lines.push((time, words.map(str::to_owned).collect()));
+    }
+    lines.sort_by(|a, b| a.0.total_cmp(&b.0));
+    Ok(lines)
+}
+
+/// Returns the entry nearest in time, if it is near enough.
+fn nearest(lines: &[TimedLine], time: f64) -> Option<&[String]> {
+    let after = lines.partition_point(|line| line.0 < time);
+    let candidates = lines[after.saturating_sub(1)..].iter().take(2);
+    let (at, words) =
+        candidates.min_by(|a, b| (a.0 - time).abs().total_cmp(&(b.0 - time).abs()))?;
+    ((at - time).abs() <= MAX_TIME_S + 1e-9).then_some(words)
+}
+
+/// Converts TX TY TZ QX QY QZ QW to a pose.
+pub(super) fn pose_from_words(words: &[String]) -> Result<DMat4, String> {
+    let numbers: Option<Vec<f64>> = words.iter().map(|word| word.parse().ok()).collect();
+    let Some(&[tx, ty, tz, qx, qy, qz, qw]) = numbers.as_deref() else {
+        return Err("expected TX TY TZ QX QY QZ QW".into());
+    };
+    let rotation = DQuat::from_xyzw(qx, qy, qz, qw);
+    if !(rotation.is_finite() && rotation.length() > 1e-6) {
+        return Err("has a quaternion that is not a rotation".into());
+    }
+    let position = DVec3::new(tx, ty, tz);
+    Ok(DMat4::from_rotation_translation(
+        rotation.normalize(),
+        position,
+    ))
+}
+
+fn open_tum(folder: &Path) -> Result<ImageSet, ImagesError> {
+    let colors_file = folder.join("rgb.txt");
+    let poses_file = folder.join("groundtruth.txt");
+    let colors = read_timed(&colors_file)?;
+    let poses = read_timed(&poses_file)?;
+    let depth_file = folder.join("depth.txt");
+    let depths = if depth_file.is_file() {
+        read_timed(&depth_file)?
+    } else {
+        Vec::new()
+    };
+    let mut notes = Vec::new();
+    let own = [
+        "camera-intrinsics.txt",
+        "intrinsics.txt",
+        "intrinsic.txt",
+        "calibration.txt",
+    ]
+    .map(|name| folder.join(name));
+    let own = own.into_iter().find(|file| file.is_file());
+    let mut lens = own.as_deref().map(read_intrinsics).transpose()?;
+    let mut sequence = Sequence::new();
+    for (time, words) in &colors {
+        let written = words.first().map_or("", String::as_str);
+        let color = resolve(&colors_file, &format!("time {time}"), written, false)?;
+        let lens = match lens {
+            Some(lens) => lens,
+            None => *lens.insert(sensor_lens(folder, &color, &mut notes)?),
+        };
+        let pose = nearest(&poses, *time)
+            .ok_or_else(|| format!("has no pose within {MAX_TIME_S} s of {time}"))
+            .and_then(|words| Pose::from_opencv(pose_from_words(words)?));
+        let pose = pose.map_err(|cause| ImagesError::field(&poses_file, "the file", cause));
+        let depth = nearest(&depths, *time)
+            .and_then(|words| words.first())
+            .map(|written| resolve(&depth_file, "depth", written, false))
+            .transpose()?;
+        sequence.add(color, depth.map(|path| (path, TUM_UNIT_M)), pose, lens)?;
+    }
+    sequence.finish(folder, "TUM RGB-D sequence", notes)
+}
+
+/// Returns the camera of TUM's sensors, which its folders do not state.
+fn sensor_lens(
+    folder: &Path,
+    color: &Path,
+    notes: &mut Vec<String>,
+) -> Result<Pinhole, ImagesError> {
+    let size_px = read_size(color)?;
+    if size_px != [640, 480] {
+        let cause = format!(
+            "is missing: the images of this TUM RGB-D sequence have {}x{} pixels, not the 640x480 of \
+             TUM's sensors; write the 3x3 intrinsics, pixel centres at integers",
+            size_px[0], size_px[1]
+        );
+        let file = folder.join("camera-intrinsics.txt");
+        return Err(ImagesError::field(&file, "the file", cause));
+    }
+    // Calibrations of the three sensors: focal lengths, principal point, k1, k2, p1, p2, k3.
+    let sensors = [
+        (
+            "freiburg1",
+            [
+                517.3, 516.5, 318.6, 255.3, 0.2624, -0.9531, -0.0054, 0.0026, 1.1633,
+            ],
+        ),
+        (
+            "freiburg2",
+            [
+                520.9, 521.0, 325.1, 249.7, 0.2312, -0.7849, -0.0033, -0.0001, 0.9172,
+            ],
+        ),
+        (
+            "freiburg3",
+            [535.4, 539.2, 320.1, 247.6, 0.0, 0.0, 0.0, 0.0, 0.0],
+        ),
+    ];
+    let path = std::fs::canonicalize(folder).unwrap_or_else(|_| folder.into());
+    let path = path.to_string_lossy().into_owned();
+    let sensor = sensors.iter().find(|(name, _)| path.contains(name));
+    let Some((name, k)) = sensor else {
+        let [fx, fy, cx, cy] = TUM_CAMERA;
+        notes.push(format!(
+            "no camera-intrinsics.txt: assuming {fx} px at {cx}, {cy}, the default of TUM's sensors"
+        ));
+        return Ok(create_pinhole([fx, fy], [cx, cy]));
+    };
+    notes.push(format!(
+        "no camera-intrinsics.txt: assuming the camera of {name}, from the folder's name"
+    ));
+    let distortion = Distortion {
+        radial: [k[4], k[5], k[8], 0.0, 0.0, 0.0],
+        tangential: [k[6], k[7]],
+    };
+    let pinhole = create_pinhole([k[0], k[1]], [k[2], k[3]]);
+    Ok(Pinhole {
+        distortion,
+        ..pinhole
+    })
+}
+
+fn open_replica(folder: &Path) -> Result<ImageSet, ImagesError> {
+    let mut notes = Vec::new();
+    let [mut scale, focal, x, y] = REPLICA;
+    let above = folder.parent().map(|parent| parent.join("cam_params.json"));
+    let file = [Some(folder.join("cam_params.json")), above]
+        .into_iter()
+        .flatten()
+        .find(|file| file.is_file());
+    let lens = if let Some(file) = file {
+        let value = json::read(&file)?;
+        let camera = JsonObject::root(&file, &value).object("camera")?;
+        scale = camera.number("scale")?;
+        if scale <= 0.0 {
+            return Err(camera.error("scale", "must be above 0: steps of depth per metre"));
+        }
+        let [fx, fy, cx, cy] = ["fx", "fy", "cx", "cy"].map(|key| camera.number(key));
+        let lens = create_pinhole([fx?, fy?], [cx?, cy?]);
+        lens.checked().map_err(|cause| camera.error("fx", cause))?
+    } else {
+        notes.push(format!(
+            "no cam_params.json: assuming {focal} px at {x}, {y} and {scale} steps of depth per \
+             metre, the camera of Replica"
+        ));
+        create_pinhole([focal; 2], [x, y])
+    };
+    let trajectory = folder.join("traj.txt");
+    let text = std::fs::read_to_string(&trajectory)
+        .map_err(|cause| ImagesError::io(&trajectory, cause))?;
+    let results = text::list_folder(&folder.join("results"))?;
+    let named = |prefix: &str| -> Vec<&PathBuf> {
+        let has_prefix = |path: &&PathBuf| text::file_name(path).starts_with(prefix);
+        results.iter().filter(has_prefix).collect()
+    };
+    let (colors, depths) = (named("frame"), named("depth"));
+    let lines: Vec<(usize, &str)> = super::colmap::lines(&text)
+        .filter(|(_, line)| !line.is_empty())
+        .collect();
+    if colors.len() != lines.len() {
+        notes.push(format!(
+            "traj.txt has {} poses for {} images; those without a partner are left out",
+            lines.len(),
+            colors.len()
+        ));
+    }
+    let mut sequence = Sequence::new();
+    for (i, (color, (number, line))) in colors.into_iter().zip(lines).enumerate() {
+        let words = line.split_whitespace();
+        let numbers: Result<Vec<f64>, _> = words.map(str::parse).collect();
+        let pose = numbers
+            .map_err(|_| "expected 16 numbers".to_owned())
+            .and_then(|numbers| pose_from_rows(&numbers))
+            .map_err(|cause| ImagesError::field(&trajectory, format!("line {number}"), cause));
+        let depth = depths
+            .get(i)
+            .map(|path| ((*path).clone(), (1.0 / scale) as f32));
+        sequence.add(color.clone(), depth, pose, lens)?;
+    }
+    sequence.finish(folder, "Replica sequence", notes)
+}

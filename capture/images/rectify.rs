@@ -1,0 +1,307 @@
+//! Rectification: resamples an image of a [`CameraModel`] into perspective views.
+//!
+//! A narrow image becomes one view along its axis, of the image's size, whose focal length is as
+//! long as its four sides allow. A wide image, of which that view would lose more than
+//! [`MAX_LOSS`], becomes the faces of a cube that it covers: a view of 90 degrees each, at the eye
+//! of the image, with as many pixels per radian as the image's centre.
+
+use crate::camera_model::{CameraModel, Projection};
+use crate::lens::{Distortion, Lens, Pinhole};
+use crate::pose::Pose;
+use crate::view::{LoadedView, View};
+use glam::{DMat3, DVec3};
+use headbox_core::depth_kind::DepthKind;
+use rayon::prelude::*;
+
+/// Largest share of an image outside the single view along its axis.
+const MAX_LOSS: f64 = 0.2;
+
+/// Largest angle between the axis and the side of a single view, radians.
+const WIDEST: f64 = 1.1;
+
+/// Number of samples along a side of an image that measure its field of view.
+const GRID: u32 = 32;
+
+/// Rows of pixels of a task.
+const ROWS: usize = 16;
+
+/// Names of the faces in the order in which a set lists them, and the directions of their right and
+/// up axes in the eye space of the image.
+const FACES: [(&str, DVec3, DVec3); 6] = [
+    ("front", DVec3::X, DVec3::Y),
+    ("left", DVec3::NEG_Z, DVec3::Y),
+    ("right", DVec3::Z, DVec3::Y),
+    ("top", DVec3::X, DVec3::Z),
+    ("bottom", DVec3::X, DVec3::NEG_Z),
+    ("back", DVec3::NEG_X, DVec3::Y),
+];
+
+/// Camera of an image file from which a perspective view is resampled.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SourceCamera {
+    /// Size of the image file, pixels.
+    pub size_px: [u32; 2],
+    /// Camera of the image file.
+    pub model: CameraModel,
+    /// Rotation from the eye space of the view to that of the image.
+    pub source_from_view: DMat3,
+}
+
+/// One perspective view of a layout.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Face {
+    /// Index into [`FACES`].
+    index: usize,
+    size_px: [u32; 2],
+    lens: Lens,
+    source_from_view: DMat3,
+}
+
+/// Views of a set, in the order of the faces: neighbouring photographs stay neighbours.
+#[derive(Default)]
+pub(crate) struct ViewList {
+    faces: [Vec<View>; FACES.len()],
+    layout: Option<(CameraModel, [u32; 2], Vec<Face>)>,
+    wide: usize,
+    wide_views: usize,
+    narrow: usize,
+    largest_loss: f64,
+}
+
+/// Camera of an image: a lens that [`LoadedView`] knows, or one that has to be resampled.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum ImageLens {
+    Direct(Lens),
+    Resampled(CameraModel),
+}
+
+impl ViewList {
+    /// Adds an image through a lens. The lens of `view` is replaced.
+    pub(crate) fn push(&mut self, view: View, lens: ImageLens) {
+        let model = match lens {
+            ImageLens::Direct(lens) => return self.faces[0].push(View { lens, ..view }),
+            ImageLens::Resampled(model) => model,
+        };
+        let size_px = view.size_px;
+        if !matches!(&self.layout, Some((m, size, _)) if *m == model && *size == size_px) {
+            self.layout = Some((model, size_px, self.create_layout(&model, size_px)));
+        }
+        let faces = self.layout.as_ref().map_or(&[][..], |layout| &layout.2);
+        if faces.len() > 1 {
+            self.wide += 1;
+            self.wide_views += faces.len();
+        } else {
+            self.narrow += 1;
+        }
+        for face in faces {
+            let name = if faces.len() > 1 && face.index > 0 {
+                format!("{} ({})", view.name, FACES[face.index].0)
+            } else {
+                view.name.clone()
+            };
+            let mut depth = view.depth.clone();
+            // Depth along the axis has no meaning beside and behind the eye.
+            if let Some(depth) = depth.as_mut().filter(|_| faces.len() > 1)
+                && depth.kind == DepthKind::EyeDepth
+                && is_beyond_side(&model, size_px)
+            {
+                depth.kind = DepthKind::RayDistance;
+            }
+            self.faces[face.index].push(View {
+                name,
+                size_px: face.size_px,
+                lens: face.lens,
+                pose: Pose {
+                    eye: view.pose.eye,
+                    world_from_eye: view.pose.world_from_eye * face.source_from_view,
+                },
+                depth,
+                source: Some(SourceCamera {
+                    size_px,
+                    model,
+                    source_from_view: face.source_from_view,
+                }),
+                ..view.clone()
+            });
+        }
+    }
+
+    fn create_layout(&mut self, model: &CameraModel, size_px: [u32; 2]) -> Vec<Face> {
+        let samples: Vec<DVec3> = grid(size_px).filter_map(|at| model.ray(at)).collect();
+        if let Some(face) = single_face(model, size_px) {
+            let is_lost = |ray: &&DVec3| {
+                let position = face.lens.project(**ray, size_px);
+                !position.is_some_and(|[x, y, _]| is_inside([x, y], size_px))
+            };
+            let lost = samples.iter().filter(is_lost).count();
+            let loss = lost as f64 / samples.len().max(1) as f64;
+            if loss <= MAX_LOSS || matches!(model.projection, Projection::Plane(_)) {
+                self.largest_loss = self.largest_loss.max(loss);
+                return vec![face];
+            }
+        }
+        cube_faces(model, &samples)
+    }
+
+    /// Returns the views and notes on how wide images were split.
+    pub(crate) fn finish(self) -> (Vec<View>, Vec<String>) {
+        let mut notes = Vec::new();
+        if self.wide > 0 {
+            notes.push(format!(
+                "{} images through wide lenses are read as {} perspective views of 90 degrees each",
+                self.wide, self.wide_views
+            ));
+        }
+        if self.largest_loss > 0.005 {
+            notes.push(format!(
+                "{} images are rectified to perspective views; up to {:.0} % of an image, at its \
+                 corners, is outside them",
+                self.narrow,
+                self.largest_loss * 100.0
+            ));
+        }
+        (self.faces.into_iter().flatten().collect(), notes)
+    }
+}
+
+/// Returns true if an image shows directions at 90 degrees and more from its axis.
+fn is_beyond_side(model: &CameraModel, size_px: [u32; 2]) -> bool {
+    grid(size_px).any(|at| model.ray(at).is_some_and(|ray| ray.z >= 0.0))
+}
+
+/// Returns the positions of a grid over an image, its border included, pixels.
+fn grid([width, height]: [u32; 2]) -> impl Iterator<Item = [f64; 2]> {
+    let at = |i: u32, side: u32| f64::from(side) * f64::from(i) / f64::from(GRID);
+    (0..=GRID).flat_map(move |y| (0..=GRID).map(move |x| [at(x, width), at(y, height)]))
+}
+
+fn is_inside([x, y]: [f64; 2], [width, height]: [u32; 2]) -> bool {
+    x >= 0.0 && y >= 0.0 && x <= f64::from(width) && y <= f64::from(height)
+}
+
+/// Returns the view along the axis, whose focal length is at most the image's; `None` if a side of
+/// the image is too far from the axis.
+fn single_face(model: &CameraModel, size_px: [u32; 2]) -> Option<Face> {
+    let [width, height] = size_px.map(f64::from);
+    let [cx, cy] = model.principal_px;
+    let mut factor: f64 = 1.0;
+    if !matches!(model.projection, Projection::Plane(_)) {
+        if !(cx > 0.0 && cy > 0.0 && cx < width && cy < height) {
+            return None;
+        }
+        for (side, axis) in [
+            ([0.0, cy], 0),
+            ([width, cy], 0),
+            ([cx, 0.0], 1),
+            ([cx, height], 1),
+        ] {
+            let ray = model.ray(side)?;
+            let distance = (side[axis] - model.principal_px[axis]).abs() / model.focal_px[axis];
+            if ray.angle_between(DVec3::NEG_Z) > WIDEST {
+                return None;
+            }
+            factor = factor.min(distance / (ray[axis] / ray.z).abs());
+        }
+    }
+    let lens = Pinhole {
+        focal_px: model.focal_px.map(|focal| focal * factor),
+        principal_px: model.principal_px,
+        distortion: Distortion::default(),
+    };
+    Some(Face {
+        index: 0,
+        size_px,
+        lens: Lens::Pinhole(lens.checked().ok()?),
+        source_from_view: DMat3::IDENTITY,
+    })
+}
+
+/// Returns the faces of a cube that some of the rays meet.
+fn cube_faces(model: &CameraModel, rays: &[DVec3]) -> Vec<Face> {
+    let [focal_x, focal_y] = model.focal_px;
+    let most = f64::from(headbox_core::camera::Camera::MAX_SIDE_PX / 4);
+    let side = (2.0 * (focal_x * focal_y).sqrt()).round().clamp(16.0, most);
+    let lens = Lens::Pinhole(Pinhole {
+        focal_px: [side / 2.0; 2],
+        principal_px: [side / 2.0; 2],
+        distortion: Distortion::default(),
+    });
+    let size_px = [side as u32; 2];
+    let face = |(index, (_, right, up)): (usize, (&str, DVec3, DVec3))| {
+        let source_from_view = DMat3::from_cols(right, up, right.cross(up));
+        let is_met = |ray: &DVec3| {
+            let position = lens.project(source_from_view.transpose() * *ray, size_px);
+            index == 0 || position.is_some_and(|[x, y, _]| is_inside([x, y], size_px))
+        };
+        let is_covered = rays.iter().any(is_met);
+        (is_covered || index == 0).then_some(Face {
+            index,
+            size_px,
+            lens,
+            source_from_view,
+        })
+    };
+    FACES.into_iter().enumerate().filter_map(face).collect()
+}
+
+impl SourceCamera {
+    /// Resamples an image into a view: colour bilinearly, depth by the nearest pixel. `kind` is the
+    /// kind of `image`'s depth, in metres.
+    pub(super) fn rectified(
+        &self,
+        image: &LoadedView,
+        lens: Lens,
+        size_px: [u32; 2],
+        kind: DepthKind,
+    ) -> LoadedView {
+        let [width, height] = size_px.map(|side| side as usize);
+        let source_width = self.size_px[0] as usize;
+        let pixel = |i: usize| {
+            let at = [(i % width) as f64 + 0.5, (i / width) as f64 + 0.5];
+            let ray = lens.ray(at, size_px);
+            let direction = self.source_from_view * ray;
+            let position = self.model.project(direction)?;
+            let sampled = image.color_at(position)?;
+            let [x, y] =
+                [0, 1].map(|axis| (position[axis] as usize).min(self.size_px[axis] as usize - 1));
+            let source = y * source_width + x;
+            let [r, g, b] = sampled.map(|c| (c + 0.5) as u8);
+            let depth = image.depth.get(source).map_or(f32::NAN, |&depth| {
+                let along = match kind {
+                    DepthKind::RayDistance => ray.length(),
+                    _ if direction.z < 0.0 => -direction.z,
+                    _ => f64::NAN,
+                };
+                (f64::from(depth) / along) as f32
+            });
+            Some(([r, g, b, image.color[source][3]], depth))
+        };
+        let mut color = vec![[0; 4]; width * height];
+        let has_depth = !image.depth.is_empty();
+        let mut depth = vec![f32::NAN; if has_depth { width * height } else { 0 }];
+        let rows = |values: usize| ROWS * values.max(1);
+        let known: Vec<Vec<Option<([u8; 4], f32)>>> = (0..height.div_ceil(ROWS))
+            .into_par_iter()
+            .map(|task| {
+                let first = task * rows(width);
+                let end = (first + rows(width)).min(width * height);
+                (first..end).map(pixel).collect()
+            })
+            .collect();
+        for (i, known) in known.into_iter().flatten().enumerate() {
+            if let Some((pixel, pixel_depth)) = known {
+                color[i] = pixel;
+                if has_depth {
+                    depth[i] = pixel_depth;
+                }
+            }
+        }
+        LoadedView {
+            size_px,
+            lens,
+            pose: image.pose,
+            color,
+            depth,
+        }
+    }
+}
