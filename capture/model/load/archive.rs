@@ -1,6 +1,7 @@
 //! Models and images in the archive of a Sweet Home 3D home.
 
 use glam::{DVec2, DVec3};
+use headbox_core::memory::{self, Reservation};
 use headbox_scene::load::encoding::decode_text;
 use headbox_scene::load::lines::{keyword, lines};
 use headbox_scene::load::mtl::{self, Map, MtlMaterial};
@@ -13,11 +14,17 @@ use std::rc::Rc;
 /// Maximum size of a file in an archive, bytes; a longer one is damaged.
 const MAX_FILE_BYTES: u64 = 1 << 28;
 
+/// Memory that a model takes while it is parsed, for each byte of its text: the text again, and 24
+/// bytes for a vertex of eight characters in a vector of up to twice that.
+const MEMORY_PER_BYTE: u64 = 8;
+
 /// An archive with a cache of its models.
 pub(super) struct Archive<'a> {
     /// `None` for a plan without an archive.
     files: Option<zip::ZipArchive<Cursor<&'a [u8]>>>,
     models: HashMap<String, Option<Rc<Model>>>,
+    /// Why a file was not read although it is there: the memory budget.
+    pub(super) over_budget: Option<String>,
 }
 
 impl<'a> Archive<'a> {
@@ -25,28 +32,44 @@ impl<'a> Archive<'a> {
         Self {
             files: zip::ZipArchive::new(Cursor::new(bytes)).ok(),
             models: HashMap::new(),
+            over_budget: None,
         }
     }
 
-    /// Reads a file by its name.
+    /// Reads a file by its name; `None` if it is missing or damaged, or has more bytes than the
+    /// archive declares.
     pub(super) fn file(&mut self, name: &str) -> Option<Vec<u8>> {
+        self.file_and_memory(name, 1).map(|(bytes, _)| bytes)
+    }
+
+    /// Reads a file and reserves memory for each of its bytes.
+    fn file_and_memory(&mut self, name: &str, per_byte: u64) -> Option<(Vec<u8>, Reservation)> {
+        let entry = self.files.as_mut()?.by_name(name).ok()?;
+        let size = entry.size();
+        if size > MAX_FILE_BYTES {
+            return None;
+        }
+        let memory = match memory::reserve(size * per_byte) {
+            Ok(memory) => memory,
+            Err(cause) => {
+                self.over_budget
+                    .get_or_insert_with(|| format!("{name} in the archive {cause}"));
+                return None;
+            }
+        };
         let mut bytes = Vec::new();
-        self.files
-            .as_mut()?
-            .by_name(name)
-            .ok()?
-            .take(MAX_FILE_BYTES)
-            .read_to_end(&mut bytes)
-            .ok()?;
-        Some(bytes)
+        entry.take(size + 1).read_to_end(&mut bytes).ok()?;
+        (bytes.len() as u64 == size).then_some((bytes, memory))
     }
 
     /// Reads a model by its name, once; `None` if it is missing or not an OBJ.
     pub(super) fn model(&mut self, name: &str) -> Option<Rc<Model>> {
         if !self.models.contains_key(name) {
             let model = self
-                .file(name)
-                .and_then(|bytes| Model::parse(&decode_text(&bytes, name, &mut Notes::default())));
+                .file_and_memory(name, MEMORY_PER_BYTE)
+                .and_then(|(bytes, _memory)| {
+                    Model::parse(&decode_text(&bytes, name, &mut Notes::default()))
+                });
             let model = model.map(|model| Rc::new(self.with_materials(model, name)));
             self.models.insert(name.to_owned(), model);
         }

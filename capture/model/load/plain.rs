@@ -57,7 +57,7 @@ pub(super) struct PlainHome<'a> {
     pub(super) pictures: EmbeddedImages,
     /// Number of pieces of furniture replaced by boxes.
     pub(super) boxes: usize,
-    archive: Archive<'a>,
+    pub(super) archive: Archive<'a>,
     vertices: usize,
     texcoords: usize,
     /// Names of the materials so far.

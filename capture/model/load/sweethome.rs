@@ -11,6 +11,7 @@ use crate::{Cell, Portal, PortalModel, Prism};
 use glam::{DVec2, DVec3};
 use headbox_core::color::linear_from_srgb;
 use headbox_core::file_frame::{FileFrame, UpAxis};
+use headbox_core::memory::{self, Reservation};
 use headbox_scene::load::obj::load_text as load_obj_text;
 use headbox_scene::load::{
     Group, GroupedScene, LoadError, LoadOptions, file_stem, load_grouped, read,
@@ -52,7 +53,7 @@ fn parse(path: &Path, bytes: &[u8]) -> Result<Home, LoadError> {
         ));
     }
     Home::parse(&String::from_utf8_lossy(
-        unpacked.as_deref().unwrap_or(bytes),
+        unpacked.as_ref().map_or(bytes, |(text, _)| text),
     ))
     .map_err(malformed)
 }
@@ -152,7 +153,10 @@ fn build_from_plan(
     archive: &[u8],
     notes: &mut Vec<String>,
 ) -> Result<GroupedScene, LoadError> {
-    let plain = PlainHome::new(home, archive);
+    let mut plain = PlainHome::new(home, archive);
+    if let Some(cause) = plain.archive.over_budget.take() {
+        return Err(LoadError::malformed(path, cause));
+    }
     notes.push(
         "no OBJ export in its folder: the geometry is built from the plan (for all details, choose \
          3D view > Export to OBJ format in Sweet Home 3D and save to the same folder)"
@@ -216,20 +220,30 @@ fn note_unsupported(home: &Home, notes: &mut Vec<String>) {
     );
 }
 
-/// Reads the `Home.xml` of an archive.
-fn unpack(bytes: &[u8]) -> Result<Vec<u8>, String> {
+/// Reads the `Home.xml` of an archive, and reserves the memory of its tree.
+fn unpack(bytes: &[u8]) -> Result<(Vec<u8>, Reservation), String> {
+    /// Memory of the tree for each byte of the text: an element of four characters has 64 bytes.
+    const MEMORY_PER_BYTE: u64 = 16;
     let mut archive = zip::ZipArchive::new(Cursor::new(bytes))
         .map_err(|cause| format!("damaged archive: {cause}"))?;
     let entry = archive.by_name("Home.xml").map_err(|_| {
         "it has no Home.xml; save the home with Sweet Home 3D 5.3 or later, which writes one"
             .to_owned()
     })?;
+    let size = entry.size();
+    if size > MAX_XML_BYTES {
+        return Err(format!(
+            "its Home.xml has {size} bytes, more than {MAX_XML_BYTES}"
+        ));
+    }
+    let memory =
+        memory::reserve(size * MEMORY_PER_BYTE).map_err(|cause| format!("its Home.xml {cause}"))?;
     let mut text = Vec::new();
     entry
-        .take(MAX_XML_BYTES)
+        .take(size)
         .read_to_end(&mut text)
         .map_err(|cause| format!("its Home.xml cannot be read: {cause}"))?;
-    Ok(text)
+    Ok((text, memory))
 }
 
 /// Returns a cell for each room with a ceiling.
