@@ -27,7 +27,7 @@ pub struct Scene {
 }
 
 impl Scene {
-    /// Opens an `.obj`, `.gltf` or `.glb` file, or `builtin:NAME`.
+    /// Opens an `.obj`, `.gltf`, `.glb`, `.ply` or `.stl` file, or `builtin:NAME`.
     ///
     /// # Errors
     /// [`Error::Scene`].

@@ -221,7 +221,8 @@ fn parse_strength(text: &str) -> Result<f32, String> {
 /// A scene.
 #[derive(Args)]
 pub(super) struct SceneArgs {
-    /// Scene: an .obj, .gltf or .glb file, a home (Home.xml, .sh3d, .toml), or builtin:NAME
+    /// Scene: an .obj, .gltf, .glb, .ply or .stl file, a home (Home.xml, .sh3d, .toml), or
+    /// builtin:NAME
     scene: String,
     #[command(flatten)]
     pub(super) source: SourceArgs,

@@ -15,6 +15,42 @@ const GLTF: &str = r#"{"asset":{"version":"2.0"},"extensions":{"KHR_lights_punct
 "bufferViews":[{"buffer":0,"byteLength":36},{"buffer":0,"byteOffset":36,"byteLength":6}],
 "buffers":[{"byteLength":42,"uri":"data:application/octet-stream;base64,AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAAAAABAAIA"}]}"#;
 
+const PLY: &str = "ply\nformat ascii 1.0\ncomment TextureFile a.png\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nproperty uchar red\n\
+                   property uchar green\nproperty uchar blue\nelement face 1\nproperty list uchar int vertex_indices\nproperty list uchar float texcoord\nend_header\n\
+                   0 0 0 255 0 0\n1 0 0 255 0 0\n0 1 0 0 0 255\n3 0 1 2 6 0 0 1 0 0 1\n";
+const STL: &str = "solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\nendsolid a\n";
+
+/// Triangle of [`PLY`] without texture coordinates, binary.
+fn binary_ply() -> Vec<u8> {
+    let header = PLY.split("0 0 0 255").next().expect("a header");
+    let mut bytes = header
+        .replace("ascii", "binary_little_endian")
+        .replace("property list uchar float texcoord\n", "")
+        .into_bytes();
+    for [x, y] in [[0.0_f32, 0.0], [1.0, 0.0], [0.0, 1.0]] {
+        [x, y, 0.0]
+            .iter()
+            .for_each(|c| bytes.extend(c.to_le_bytes()));
+        bytes.extend([255, 0, 0]);
+    }
+    bytes.push(3);
+    (0..3_i32).for_each(|index| bytes.extend(index.to_le_bytes()));
+    bytes
+}
+
+/// A triangle in a binary file.
+fn binary_stl() -> Vec<u8> {
+    let mut bytes = vec![b' '; 80];
+    bytes.extend(1_u32.to_le_bytes());
+    for number in [
+        0.0_f32, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0,
+    ] {
+        bytes.extend(number.to_le_bytes());
+    }
+    bytes.extend([0, 0]);
+    bytes
+}
+
 /// The JSON above in a GLB, its buffer still in the URI.
 fn glb() -> Vec<u8> {
     let mut json = GLTF.as_bytes().to_vec();
@@ -98,6 +134,19 @@ fn unmutated_files_load() {
     assert_eq!(folder.load("a.obj").expect("clean").triangles.len(), 4);
     assert_eq!(folder.load("a.gltf").expect("clean").triangles.len(), 2);
     assert_eq!(folder.load("a.glb").expect("clean").triangles.len(), 2);
+    for (name, bytes) in [
+        ("a.ply", PLY.into()),
+        ("b.ply", binary_ply()),
+        ("a.stl", STL.into()),
+        ("b.stl", binary_stl()),
+    ] {
+        folder.write(name, bytes);
+        assert_eq!(
+            folder.load(name).expect("clean").triangles.len(),
+            1,
+            "{name}"
+        );
+    }
 }
 
 proptest! {
@@ -128,6 +177,18 @@ proptest! {
         let folder = folder();
         folder.write("a.glb", mutate(glb(), &changes));
         loads_or_explains(&folder, "a.glb");
+    }
+
+    #[test]
+    fn mutated_ply_and_stl_files_never_panic(
+        kind in 0_usize..4,
+        changes in proptest::collection::vec(change(), 1..6)
+    ) {
+        let folder = folder();
+        let bytes = [PLY.into(), STL.into(), binary_ply(), binary_stl()][kind].clone();
+        let name = ["a.ply", "a.stl"][kind % 2];
+        folder.write(name, mutate(bytes, &changes));
+        loads_or_explains(&folder, name);
     }
 
     #[test]

@@ -124,10 +124,13 @@ fn errors_name_file_cause_and_line() {
     let folder = Folder::new();
     let error = folder.load("missing.obj").expect_err("absent");
     assert!(error.contains("missing.obj: No such file"), "{error}");
-    folder.write("a.ply", "ply");
-    let error = folder.load("a.ply").expect_err("unknown");
+    let error = folder.load("a.foo").expect_err("unknown");
+    let formats =
+        "a.foo: unknown scene format; use an .obj, .gltf, .glb, .ply or .stl file, a home";
+    assert!(error.contains(formats), "{error}");
+    let error = folder.load("a.FBX").expect_err("to be converted");
     assert!(
-        error.contains("a.ply: unknown scene format; use an .obj, .gltf or .glb file, a home"),
+        error.contains(".fbx scenes are not read; save the scene as .glb"),
         "{error}"
     );
 }

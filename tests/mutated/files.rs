@@ -519,7 +519,7 @@ fn corpus_files_are_valid_or_errors() {
             Some("json") => drop(read_path(&path)),
             Some("report") => drop(read_report(&path)),
             Some("exr") => drop(read_depth(&path)),
-            Some("obj" | "gltf" | "glb") => drop(read_scene(&path)),
+            Some("obj" | "gltf" | "glb" | "ply" | "stl") => drop(read_scene(&path)),
             _ => continue,
         }
         replayed += 1;

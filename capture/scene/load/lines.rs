@@ -38,6 +38,17 @@ pub(super) fn words(rest: &str) -> impl Iterator<Item = &str> {
         .take_while(|word| !word.starts_with('#'))
 }
 
+/// Parses a number. The many spellings of NaN and infinity by other programs are NaN.
+pub(super) fn number(word: &str) -> Option<f64> {
+    word.parse().ok().or_else(|| {
+        let lower = word.to_ascii_lowercase();
+        let is_nan = ["nan", "inf", "ind", "#"]
+            .iter()
+            .any(|mark| lower.contains(mark));
+        is_nan.then_some(f64::NAN)
+    })
+}
+
 /// Returns true if a word before a comment is a number with a comma for the decimal point.
 pub(super) fn has_decimal_comma(line: &str) -> bool {
     words(line).any(|word| word.contains(',') && word.replacen(',', ".", 1).parse::<f64>().is_ok())

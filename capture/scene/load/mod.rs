@@ -1,4 +1,4 @@
-//! Scene files: OBJ with MTL, glTF and GLB.
+//! Scene files: OBJ with MTL, glTF and GLB, PLY and STL.
 //!
 //! Real files have defects. Those that can be tolerated are counted by kind and reported once in
 //! [`Scene::summary`]. A file that cannot be read, or that has no triangle, is a [`LoadError`] that
@@ -15,7 +15,9 @@ pub mod notes;
 pub mod obj;
 mod obj_prepare;
 mod orientation;
+mod ply;
 pub mod polygon;
+mod stl;
 mod textures;
 mod vertex_colors;
 
@@ -23,6 +25,7 @@ pub use builder::{Group, GroupedScene};
 pub use gltf::HEADBOX_HALF_SIZE;
 
 use crate::scene::{Scene, SceneError};
+use headbox_core::container::SCENES;
 use headbox_core::file_frame::{FileFrame, UpAxis};
 use headbox_core::{memory, panics};
 use std::path::{Path, PathBuf};
@@ -60,7 +63,7 @@ pub enum LoadError {
         cause: std::io::Error,
     },
     /// The extension is not that of a supported scene format.
-    #[error("{}: unknown scene format; use an .obj, .gltf or .glb file, a home (Home.xml, .sh3d or .toml), or builtin:NAME (see headbox scenes)", path.display())]
+    #[error("{}: {}", path.display(), unknown_format(path))]
     UnknownFormat {
         /// The file.
         path: PathBuf,
@@ -125,6 +128,36 @@ impl LoadError {
     }
 }
 
+/// Explains why a file that is not a supported scene is refused.
+fn unknown_format(path: &Path) -> String {
+    let extension = extension_of(path);
+    if FORMATS_TO_CONVERT.contains(&extension.as_str()) {
+        format!(
+            ".{extension} scenes are not read; save the scene as .glb and open that (for example \
+             in Blender: File > Import, then File > Export > glTF 2.0)"
+        )
+    } else {
+        format!(
+            "unknown scene format; use an {} file, a home (Home.xml, .sh3d or .toml), or \
+             builtin:NAME (see headbox scenes)",
+            scene_extensions()
+        )
+    }
+}
+
+/// Extensions of scene files that are known and not read.
+const FORMATS_TO_CONVERT: [&str; 31] = [
+    "3dm", "3ds", "3mf", "abc", "blend", "c4d", "dae", "dwg", "dxf", "fbx", "ifc", "iges", "igs",
+    "jt", "lwo", "ma", "max", "mb", "off", "rvt", "skp", "step", "stp", "usd", "usda", "usdc",
+    "usdz", "vrml", "wrl", "x3d", "xsi",
+];
+
+/// Returns the extensions of scene files for messages: ".obj, .gltf or .glb".
+fn scene_extensions() -> String {
+    let [first @ .., last] = SCENES.map(|extension| format!(".{extension}"));
+    format!("{} or {last}", first.join(", "))
+}
+
 fn in_brackets(notes: &[String]) -> String {
     if notes.is_empty() {
         String::new()
@@ -133,8 +166,7 @@ fn in_brackets(notes: &[String]) -> String {
     }
 }
 
-/// Loads a scene file by its extension (in any case): `.obj`, `.gltf` or `.glb`. The scene gets the
-/// lights of a glTF (KHR_lights_punctual), else the default sun, and the default sky; positions are
+/// Loads a scene file by its extension (in any case), one of [`SCENES`]. The scene gets the lights of a glTF (KHR_lights_punctual), else the default sun, and the default sky; positions are
 /// converted to metres, Y up.
 ///
 /// # Errors
@@ -165,6 +197,8 @@ fn load_file(path: &Path, options: &LoadOptions, groups: bool) -> Result<Grouped
     let loader = match extension_of(path).as_str() {
         "obj" => obj::load,
         "gltf" | "glb" => gltf::load,
+        "ply" => ply::load,
+        "stl" => stl::load,
         _ => {
             return Err(LoadError::UnknownFormat {
                 path: path.to_path_buf(),

@@ -6,7 +6,7 @@
 //! the faces and their `usemtl` and `g` lines. Each corner of a face has absolute indices of all
 //! vertex attributes that the file has; missing ones are those of the neutral entries.
 
-use super::lines::{has_decimal_comma, keyword, lines, words};
+use super::lines::{has_decimal_comma, keyword, lines, number, words};
 use super::notes::{Note, Notes};
 use super::orientation::AxisAreas;
 use super::vertex_colors::VertexColors;
@@ -287,17 +287,6 @@ fn numbers<'a, const N: usize>(mut words: impl Iterator<Item = &'a str>) -> Opti
         *value = number(words.next()?)?;
     }
     Some(numbers)
-}
-
-/// Parses a number. The many spellings of NaN and infinity by other programs are NaN.
-fn number(word: &str) -> Option<f64> {
-    word.parse().ok().or_else(|| {
-        let lower = word.to_ascii_lowercase();
-        let is_nan = ["nan", "inf", "ind", "#"]
-            .iter()
-            .any(|mark| lower.contains(mark));
-        is_nan.then_some(f64::NAN)
-    })
 }
 
 /// Index of a vertex attribute, from 0.

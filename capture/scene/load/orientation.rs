@@ -161,15 +161,17 @@ impl FrameHints {
 
 /// Returns the words of the comments at the head of an OBJ, lower case, each between spaces.
 pub(super) fn head_comments(text: &str) -> String {
-    /// Words further down rarely describe the file.
-    const MAX_WORDS: usize = 500;
     let is_head =
         |line: &&str| line.is_empty() || line.starts_with('#') || line.starts_with("mtllib");
-    let words = text
-        .lines()
-        .map(str::trim_start)
-        .take_while(is_head)
-        .filter(|line| line.starts_with('#'))
+    let head = text.lines().map(str::trim_start).take_while(is_head);
+    comment_words(head.filter(|line| line.starts_with('#')))
+}
+
+/// Returns the first words of comments, lower case, each between spaces.
+pub(super) fn comment_words<'a>(lines: impl Iterator<Item = &'a str>) -> String {
+    /// Words further down rarely describe the file.
+    const MAX_WORDS: usize = 500;
+    let words = lines
         .flat_map(|line| line.split(|c: char| !c.is_ascii_alphanumeric()))
         .filter(|word| !word.is_empty());
     words

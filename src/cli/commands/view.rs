@@ -35,9 +35,9 @@ use std::time::{Duration, Instant};
 #[derive(Args)]
 pub(crate) struct ViewCommand {
     /// Input: a .ldi, .sprite, .lumi or .house file, a deep .exr, a home (Home.xml, .sh3d, .toml)
-    /// to walk in, a folder of images, or a scene (.obj, .gltf, .glb, builtin:NAME) to capture
-    /// while looking around; or several .ldi and .sprite files, folders of images with depth and
-    /// models of one world, composed as by render; the start page by default
+    /// to walk in, a folder of images, or a scene (.obj, .gltf, .glb, .ply, .stl, builtin:NAME) to
+    /// capture while looking around; or several .ldi and .sprite files, folders of images with
+    /// depth and models of one world, composed as by render; the start page by default
     #[arg(value_name = "FILE")]
     files: Vec<String>,
     /// Folder of images: draw it by view-dependent geometry, such as geometry-averaged, instead of

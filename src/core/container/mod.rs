@@ -37,6 +37,9 @@ const NAME_BYTES: usize = 12;
 const ALIGNMENT: usize = 64;
 const MAX_SECTIONS: usize = 4096;
 
+/// File name extensions of scenes.
+pub const SCENES: [&str; 5] = ["obj", "gltf", "glb", "ply", "stl"];
+
 /// File name extensions of homes: Sweet Home 3D plans, their archives, and TOML models.
 pub const HOMES: [&str; 3] = ["xml", "sh3d", "toml"];
 
@@ -103,7 +106,7 @@ fn advice_for(path: &Path) -> String {
         .to_string_lossy()
         .to_lowercase();
     match ending.as_str() {
-        "obj" | "gltf" | "glb" => {
+        scene if SCENES.contains(&scene) => {
             let ldi = path.with_extension("ldi");
             format!(
                 "it is a scene: capture it first, with headbox capture {} -o {}",

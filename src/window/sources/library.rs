@@ -11,7 +11,7 @@ use crate::marks::{MarkedSource, Marks};
 use glam::{DVec3, Vec3};
 use headbox_core::camera::Camera;
 use headbox_core::color::{linear_from_srgb8, srgb8_from_linear};
-use headbox_core::container::HOMES;
+use headbox_core::container::{HOMES, SCENES};
 use headbox_core::progress::Silent;
 use headbox_core::view::View;
 use headbox_cube::pack::{CubeLdi, SplatIndexLayout, Split};
@@ -32,16 +32,13 @@ use std::fmt::Display;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Extensions of scene files.
-const SCENES: [&str; 3] = ["obj", "gltf", "glb"];
-
 /// Error of opening a source.
 #[derive(Debug, thiserror::Error)]
 pub enum OpenError {
     /// The file is of a kind that cannot be shown.
     #[error(
         "{name}: only cube LDIs (.ldi), deep pictures (.exr), sprites (.sprite), lumigraphs (.lumi), houses (.house), homes (Home.xml, \
-         .sh3d, .toml), scenes (.obj, .gltf, .glb) and builtin:NAME can be shown"
+         .sh3d, .toml), scenes (.obj, .gltf, .glb, .ply, .stl) and builtin:NAME can be shown"
     )]
     Kind {
         /// Name of the file.

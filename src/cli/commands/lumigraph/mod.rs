@@ -34,8 +34,8 @@ use std::time::Instant;
 
 #[derive(Args)]
 pub(crate) struct LumigraphCommand {
-    /// Scene (an .obj, .gltf or .glb file, a home (Home.xml, .sh3d, .toml), or builtin:NAME), or
-    /// folder of images with depth and known cameras in a grid on a plane
+    /// Scene (an .obj, .gltf, .glb, .ply or .stl file, a home (Home.xml, .sh3d, .toml), or
+    /// builtin:NAME), or folder of images with depth and known cameras in a grid on a plane
     pub(super) scene: String,
     #[command(flatten)]
     pub(super) source: SourceArgs,

@@ -46,8 +46,8 @@ const FIGURES: [(&str, &str); 2] = [
 #[derive(Args)]
 pub(crate) struct RenderCommand {
     /// Inputs: .ldi and .sprite files and folders of images with depth, of one world, composed back
-    /// to front; models (.obj, .gltf, .glb, builtin:NAME) among them, in the light of the first
-    /// .ldi, their names followed by @at=X,Y,Z, @turn=DEG, @scale=S, @up=z or @unit=cm as needed;
+    /// to front; models (.obj, .gltf, .glb, .ply, .stl, builtin:NAME) among them, in the light of
+    /// the first .ldi, their names followed by @at=X,Y,Z, @turn=DEG, @scale=S, @up=z or @unit=cm as needed;
     /// or one .house or .lumi file
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,

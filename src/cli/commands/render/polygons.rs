@@ -6,6 +6,7 @@ use crate::messages::UsageError;
 use crate::progress::Bar;
 use anyhow::Context;
 use glam::DVec3;
+use headbox_core::container::SCENES;
 use headbox_core::file_frame::{FileFrame, UpAxis};
 use headbox_core::files;
 use headbox_cube::pack::CubeLdi;
@@ -45,7 +46,7 @@ impl PolygonsArg {
             .extension()
             .map(|ending| ending.to_string_lossy().to_lowercase());
         if !name.starts_with("builtin:")
-            && !matches!(ending.as_deref(), Some("obj" | "gltf" | "glb"))
+            && !ending.is_some_and(|ending| SCENES.contains(&ending.as_str()))
         {
             return Ok(None);
         }
@@ -121,7 +122,7 @@ impl PolygonsArg {
 
 /// Finds an unknown key after a model's name, such as `a.obj@foo=1`, unless a file has that name.
 fn unknown_setting(name: &str) -> Option<&str> {
-    let (at, key) = ["obj", "gltf", "glb"].iter().find_map(|ending| {
+    let (at, key) = SCENES.iter().find_map(|ending| {
         let (before, after) = name.split_once(&format!(".{ending}@"))?;
         Some((before.len(), after.split_once('=')?.0))
     })?;

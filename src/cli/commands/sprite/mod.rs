@@ -36,8 +36,8 @@ use std::time::Instant;
 
 #[derive(Args)]
 pub(crate) struct SpriteCommand {
-    /// Scene to capture (an .obj, .gltf or .glb file, a home (Home.xml, .sh3d, .toml), or
-    /// builtin:NAME), folder of photographs with known cameras, or .sprite file to export
+    /// Scene to capture (an .obj, .gltf, .glb, .ply or .stl file, a home (Home.xml, .sh3d, .toml),
+    /// or builtin:NAME), folder of photographs with known cameras, or .sprite file to export
     scene: Option<String>,
     #[command(flatten)]
     pub(super) source: SourceArgs,
