@@ -81,7 +81,9 @@ impl CoplanarTriangles {
         for run in pairs.chunk_by(|a, b| a[0] == b[0]) {
             let primitive = run[0][0];
             let last = run.len().saturating_sub(MAX_PARTNERS);
-            found.partners.extend(run[last..].iter().map(|pair| pair[1]));
+            found
+                .partners
+                .extend(run[last..].iter().map(|pair| pair[1]));
             found.runs.push((primitive, found.partners.len() as u32));
             found.shared[primitive as usize / 64] |= 1 << (primitive % 64);
         }
@@ -110,11 +112,7 @@ impl CoplanarTriangles {
             .shared
             .get(primitive as usize / 64)
             .is_some_and(|bits| bits >> (primitive % 64) & 1 == 1);
-        if is_shared {
-            self.run(primitive)
-        } else {
-            &[]
-        }
+        if is_shared { self.run(primitive) } else { &[] }
     }
 
     #[cold]

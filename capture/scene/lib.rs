@@ -2,6 +2,7 @@
 //! [`save`] (OBJ and GLB files), [`camera_path`] (cameras and paths as JSON).
 
 pub mod camera_path;
+pub mod coplanar;
 mod lights;
 pub mod load;
 pub mod material;

@@ -619,8 +619,8 @@ fn cutouts_from_map_d_and_alpha() {
     assert_eq!(cut("map_Kd a.png\nillum 4", &[("a.png", two)]), Some(0.0));
     assert_eq!(
         cut("map_Kd a.png", &[("a.png", two)]),
-        None,
-        "nothing says that the alpha is meant"
+        Some(0.0),
+        "the only word on opacity"
     );
     assert_eq!(
         cut("map_Kd a.png\nmap_d a.png", &[("a.png", &[RED, RED])]),

@@ -53,6 +53,7 @@ pub(super) enum Note {
     Degenerate,
     SeeThrough,
     Duplicate,
+    Coplanar,
 }
 
 impl Note {
@@ -232,6 +233,12 @@ impl Note {
                 "triangle",
                 "triangles",
                 "with an opacity below one half left out",
+            ],
+            Self::Coplanar => [
+                "triangle",
+                "triangles",
+                "in one plane with another of a different material, of which the one that faces \
+                 the viewer is shown, or else the later one in the file",
             ],
             Self::Duplicate => ["duplicate triangle", "duplicate triangles", "kept"],
         }

@@ -110,7 +110,7 @@ fn by_material(scene: &Scene) -> Vec<Vec<[u32; 3]>> {
 mod tests {
     use super::*;
     use crate::load::{LoadOptions, load};
-    use crate::material::Cutout;
+    use crate::material::{Cutout, Sampler, Wrap};
     use crate::scene::Triangle;
     use glam::{DVec3, Vec2, Vec3, dvec3};
 
@@ -231,5 +231,38 @@ mod tests {
             scene_files(&Scene::default(), Path::new("a.obj")),
             Err(SaveError::Scene(_))
         ));
+    }
+
+    #[test]
+    fn glb_keeps_samplers_opacities_sides_and_emission_texcoords() {
+        let mut scene = scene();
+        let sampler = Sampler {
+            wrap: [Wrap::Mirror, Wrap::Clamp],
+            nearest: true,
+        };
+        scene.textures[1] = scene.textures[1].with_sampler(sampler);
+        scene.emission_texcoords = (0..9).map(|i| Vec2::splat(0.07 * i as f32)).collect();
+        scene.opacities = (0..9).map(|i| 1.0 - 0.1 * i as f32).collect();
+        scene.materials[1].single_sided = true;
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("a.glb");
+        let files = scene_files(&scene, &path).expect("saved");
+        std::fs::write(&path, &files[0].bytes).expect("written");
+        let read = load(&path, &LoadOptions::default()).expect("read back");
+        let material = |name: &str| {
+            let found = read.materials.iter().find(|material| material.name == name);
+            found.expect("kept")
+        };
+        assert!(!material("screen").single_sided);
+        assert!(read.materials.iter().any(|material| material.single_sided));
+        let screen = material("screen").albedo_texture.expect("kept");
+        assert_eq!(read.textures[screen as usize].sampler(), sampler);
+        for (a, b) in appearance(&read).iter().zip(&appearance(&scene)) {
+            let near = |a: [f32; 3], b: [f32; 3]| {
+                (0..3).all(|c| (a[c] - b[c]).abs() < 2e-5 * b[c].max(1.0))
+            };
+            assert!(near(a.1, b.1) && near(a.2, b.2), "{a:?} for {b:?}");
+            assert_eq!(a.4, b.4, "what is there");
+        }
     }
 }

@@ -49,6 +49,15 @@ fn is_solid(triangle: &[Vec3; 3]) -> bool {
     in_range && (b - a).cross(c - a) != DVec3::ZERO
 }
 
+/// Returns true if only the front of a triangle is there.
+pub(super) fn is_single_sided(scene: &Scene, primitive: u32) -> bool {
+    let material = scene
+        .triangles
+        .get(primitive as usize)
+        .and_then(|triangle| scene.materials.get(triangle.material as usize));
+    material.is_some_and(|material| material.single_sided)
+}
+
 /// Builds the tree over the triangles that can be hit.
 pub(super) fn build(scene: &Scene, origin: DVec3, cutouts: &Cutouts) -> Tree {
     // Primitive indices are u32 and u32::MAX means none.
@@ -74,10 +83,12 @@ pub(super) fn build(scene: &Scene, origin: DVec3, cutouts: &Cutouts) -> Tree {
         .collect();
     let binary = build_bvh2(&triangles, PARAMS, &mut Duration::default());
     let has_cutout = |primitive: u32| cutouts.has(scene.triangles[primitive as usize].material);
+    let single_sided = |primitive: u32| is_single_sided(scene, primitive);
     Collapse {
         binary: &binary,
         solid: &solid,
         has_cutout: &has_cutout,
+        single_sided: &single_sided,
         tree: Tree::default(),
     }
     .run()
@@ -88,6 +99,7 @@ struct Collapse<'a> {
     binary: &'a Bvh2,
     solid: &'a [(u32, [Vec3; 3])],
     has_cutout: &'a dyn Fn(u32) -> bool,
+    single_sided: &'a dyn Fn(u32) -> bool,
     tree: Tree,
 }
 
@@ -179,7 +191,12 @@ impl Collapse<'_> {
                 ..Block::EMPTY
             };
             for &(primitive, triangle) in chunk {
-                block.push(primitive, triangle, (self.has_cutout)(primitive));
+                block.push(
+                    primitive,
+                    triangle,
+                    (self.has_cutout)(primitive),
+                    (self.single_sided)(primitive),
+                );
             }
             self.tree.blocks.push(block);
         }

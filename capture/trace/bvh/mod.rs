@@ -19,11 +19,10 @@
 //!    beyond the closest hit so far holds no closer one, whatever the traversal;
 //! 4. a cut-out texture, where there is one, is opaque there.
 //!
-//! The closest hit is the smallest (t, primitive index), with coincident triangles resolved by
-//! orientation (`coincident`). No operation is contracted or approximated.
+//! The closest hit is the smallest (t, primitive index), with overlapping triangles in one plane
+//! resolved by orientation and order ([`headbox_scene::coplanar`]). No operation is contracted or approximated.
 
 mod build;
-mod coincident;
 mod cutout;
 mod lanes;
 mod packet;
@@ -36,10 +35,10 @@ mod triangle_cache;
 pub use lanes::{HitPacket, PACKET, RayPacket};
 pub use triangle_cache::triangle_extent;
 
-use coincident::CoincidentTriangles;
 use cutout::Cutouts;
 use fearless_simd::{Level, dispatch};
 use glam::{DVec3, Vec3};
+use headbox_scene::coplanar::CoplanarTriangles;
 use headbox_scene::scene::{Scene, Surface};
 use std::sync::Arc;
 use tree::Tree;
@@ -107,7 +106,7 @@ pub struct Tracer {
     origin: DVec3,
     tree: Tree,
     cutouts: Cutouts,
-    coincident: CoincidentTriangles,
+    coplanar: CoplanarTriangles,
     cached: Vec<CachedTriangle>,
     level: Level,
 }
@@ -124,14 +123,14 @@ impl Tracer {
     pub fn with_level(scene: Arc<Scene>, origin: DVec3, level: Level) -> Self {
         let cutouts = Cutouts::new(&scene);
         let tree = build::build(&scene, origin, &cutouts);
-        let coincident = CoincidentTriangles::find(&scene, origin);
+        let coplanar = CoplanarTriangles::find(&scene);
         let cached = triangle_cache::cache_triangles(&scene, origin);
         Self {
             scene,
             origin,
             tree,
             cutouts,
-            coincident,
+            coplanar,
             cached,
             level,
         }
@@ -171,7 +170,8 @@ impl Tracer {
     }
 
     /// Returns true if a triangle is visible to a ray along `direction` at barycentric weights `u`
-    /// and `v`: not cut out, and not replaced by a coincident triangle that faces the ray.
+    /// and `v`: not cut out, not the back of a single-sided surface, and not replaced by a coplanar
+    /// triangle.
     pub fn is_visible(&self, direction: Vec3, primitive: u32, u: f32, v: f32) -> bool {
         let hit = Hit {
             t: 0.0,
@@ -179,15 +179,34 @@ impl Tracer {
             u,
             v,
         };
+        let is_absent = || {
+            build::is_single_sided(&self.scene, primitive)
+                && self.geometric_normal(primitive).dot(direction) > 0.0
+        };
         self.cutouts.is_opaque(&self.scene, primitive, [u, v])
-            && self.resolve_coincident(direction, hit).primitive == primitive
+            && !is_absent()
+            && self.resolve_coplanar(direction, hit).primitive == primitive
     }
 
-    /// Replaces a hit by that on the coincident triangle that faces a ray along `direction`.
+    /// Replaces a hit by that on the coplanar triangle that a ray along `direction` meets
+    /// ([`CoplanarTriangles::resolve`]).
     #[inline]
-    fn resolve_coincident(&self, direction: Vec3, hit: Hit) -> Hit {
-        self.coincident
-            .facing(direction, hit, |primitive| self.triangle(primitive))
+    fn resolve_coplanar(&self, direction: Vec3, hit: Hit) -> Hit {
+        if self.coplanar.partners(hit.primitive).is_empty() {
+            return hit;
+        }
+        let (primitive, u, v) = self.coplanar.resolve(
+            &self.scene,
+            direction.as_dvec3(),
+            (hit.primitive, hit.u, hit.v),
+            |primitive, weights| self.cutouts.is_opaque(&self.scene, primitive, weights),
+        );
+        Hit {
+            t: hit.t,
+            primitive,
+            u,
+            v,
+        }
     }
 
     /// Returns [`Scene::surface`] with the cached normal.
@@ -196,14 +215,14 @@ impl Tracer {
             .surface_facing(primitive, self.geometric_normal(primitive), u, v)
     }
 
-    /// Returns the closest hit of a ray, the smallest (t, primitive) of all its hits; of coincident
-    /// triangles, the first that faces the ray, or else the first.
+    /// Returns the closest hit of a ray, the smallest (t, primitive) of all its hits; of overlapping
+    /// triangles in one plane the last one that faces the ray, or else the last one.
     pub fn closest(&self, ray: &Ray) -> Option<Hit> {
         let mut closest = single::ClosestQuery::new(ray.t_max);
         dispatch!(self.level, simd => single::search(simd, self, ray, &mut closest));
         closest
             .hit()
-            .map(|hit| self.resolve_coincident(ray.direction, hit))
+            .map(|hit| self.resolve_coplanar(ray.direction, hit))
     }
 
     /// Returns true if the ray hits anything between `t_min` and `t_max`.
@@ -232,7 +251,7 @@ impl Tracer {
     /// Stops at the end of the shorter slice.
     pub fn closest_packets(&self, rays: &[RayPacket], hits: &mut [HitPacket]) {
         dispatch!(self.level, simd => packet::closest(simd, self, rays, hits));
-        if self.coincident.is_empty() {
+        if self.coplanar.is_empty() {
             return;
         }
         for (rays, hits) in rays.iter().zip(hits) {
@@ -240,7 +259,7 @@ impl Tracer {
                 let (Some(ray), Some(hit)) = (rays.ray(k), hits.hit(k)) else {
                     continue;
                 };
-                let hit = self.resolve_coincident(ray.direction, hit);
+                let hit = self.resolve_coplanar(ray.direction, hit);
                 (hits.primitive[k], hits.u[k], hits.v[k]) = (hit.primitive, hit.u, hit.v);
             }
         }
@@ -263,3 +282,6 @@ impl Tracer {
         dispatch!(self.level, simd => packet::occluded(simd, self, rays, blocked));
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -274,6 +274,14 @@ impl<S: Simd> PacketTraversal<'_, S> {
         let (determinant, t) = edges.determinant_and_t(self.load(&self.prepared.inverse_main));
         let degenerate = (inside & determinant.simd_eq(zero)).to_bitmask() as u32;
         let primitive = block.primitives[slot];
+        let inside = if block.single_sided >> slot & 1 == 1 {
+            // Like `Candidate::is_back`.
+            let along = self.load(&self.prepared.inverse_main).simd_gt(zero);
+            let front = along.select(determinant, zero - determinant);
+            inside & front.simd_gt(zero)
+        } else {
+            inside
+        };
         let inside = inside & t.simd_ge(self.load(&self.rays.t_min));
         // Like `Candidate::t_from`.
         let t = t.simd_gt(enter).select(t, enter) + zero;
@@ -348,7 +356,11 @@ impl<S: Simd> PacketTraversal<'_, S> {
             if degenerate >> k & 1 == 1 {
                 let ray = self.prepared.ray(self.rays, k);
                 let exact = exact(relative(block, slot, &ray), ray.shear, ray.inverse_main());
-                let Some(exact) = exact.filter(|exact| exact.t >= ray.t_min) else {
+                let is_there = |exact: &Candidate| {
+                    let single_sided = block.single_sided >> slot & 1 == 1;
+                    exact.t >= ray.t_min && !(single_sided && exact.is_back(ray.inverse_main()))
+                };
+                let Some(exact) = exact.filter(is_there) else {
                     continue;
                 };
                 candidate = Candidate {

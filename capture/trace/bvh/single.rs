@@ -355,6 +355,9 @@ fn intersect<S: Simd, F: HitQuery>(
             };
             candidate = exact;
         }
+        if block.single_sided >> slot & 1 == 1 && candidate.is_back(inverse_main) {
+            continue;
+        }
         let primitive = block.primitives[slot];
         let in_range = candidate.t >= ray.t_min; // false for NaN
         if !in_range {

@@ -104,6 +104,8 @@ pub(super) struct Block {
     pub(super) primitives: [u32; BLOCK],
     /// Mask of the triangles with a cut-out: bit k for slot k.
     pub(super) cutouts: u32,
+    /// Mask of the single-sided triangles, likewise.
+    pub(super) single_sided: u32,
     /// Number of triangles.
     pub(super) len: u16,
     /// True if the next block belongs to the same leaf.
@@ -118,12 +120,19 @@ impl Block {
         vertices: [[[f32::NAN; BLOCK]; 3]; 3],
         primitives: [u32::MAX; BLOCK],
         cutouts: 0,
+        single_sided: 0,
         len: 0,
         more: false,
     };
 
     /// Adds a triangle to a block that is not full.
-    pub(super) fn push(&mut self, primitive: u32, triangle: [Vec3; 3], cutout: bool) {
+    pub(super) fn push(
+        &mut self,
+        primitive: u32,
+        triangle: [Vec3; 3],
+        cutout: bool,
+        single_sided: bool,
+    ) {
         let slot = usize::from(self.len);
         for (vertex, position) in triangle.into_iter().enumerate() {
             for axis in 0..3 {
@@ -132,6 +141,7 @@ impl Block {
         }
         self.primitives[slot] = primitive;
         self.cutouts |= u32::from(cutout) << slot;
+        self.single_sided |= u32::from(single_sided) << slot;
         self.len += 1;
     }
 }

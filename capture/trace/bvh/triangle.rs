@@ -93,6 +93,13 @@ impl Candidate {
         larger(self.t, enter) + 0.0
     }
 
+    /// Returns true if the ray meets the back of the triangle: the sign of the determinant is that
+    /// of the triangle's orientation about the main axis. `inverse_main` is that of the ray.
+    #[inline]
+    pub(super) fn is_back(&self, inverse_main: f32) -> bool {
+        (self.determinant < 0.0) == (inverse_main > 0.0)
+    }
+
     /// Returns the barycentric weights of the second and the third vertex.
     #[inline]
     pub(super) fn barycentric(&self) -> [f32; 2] {
@@ -127,10 +134,11 @@ pub(super) fn exact(
     let [a, b, c] = vertices.map(|p| f64::from(p[2]));
     let t = (u * a + v * b + w * c) / determinant * f64::from(inverse_main);
     let (v, w) = ((v / determinant) as f32, (w / determinant) as f32);
+    let sign = 1.0_f32.copysign(determinant as f32);
     Some(Candidate {
         t: t as f32,
-        v,
-        w,
-        determinant: 1.0,
+        v: v * sign,
+        w: w * sign,
+        determinant: sign,
     })
 }

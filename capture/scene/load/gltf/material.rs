@@ -320,7 +320,7 @@ fn convert(
             texture: alpha_texture,
             threshold,
         }),
-        single_sided: false,
+        single_sided: !m.double_sided,
     };
     let least_opacity = if has_opacities {
         threshold / greatest_alpha
