@@ -252,7 +252,7 @@ impl SourceCamera {
         image: &LoadedView,
         lens: Lens,
         size_px: [u32; 2],
-        kind: DepthKind,
+        kind: Option<DepthKind>,
     ) -> LoadedView {
         let [width, height] = size_px.map(|side| side as usize);
         let source_width = self.size_px[0] as usize;
@@ -268,7 +268,7 @@ impl SourceCamera {
             let [r, g, b] = sampled.map(|c| (c + 0.5) as u8);
             let depth = image.depth.get(source).map_or(f32::NAN, |&depth| {
                 let along = match kind {
-                    DepthKind::RayDistance => ray.length(),
+                    Some(DepthKind::RayDistance) => ray.length(),
                     _ if direction.z < 0.0 => -direction.z,
                     _ => f64::NAN,
                 };
@@ -279,12 +279,11 @@ impl SourceCamera {
         let mut color = vec![[0; 4]; width * height];
         let has_depth = !image.depth.is_empty();
         let mut depth = vec![f32::NAN; if has_depth { width * height } else { 0 }];
-        let rows = |values: usize| ROWS * values.max(1);
         let known: Vec<Vec<Option<([u8; 4], f32)>>> = (0..height.div_ceil(ROWS))
             .into_par_iter()
             .map(|task| {
-                let first = task * rows(width);
-                let end = (first + rows(width)).min(width * height);
+                let first = task * ROWS * width;
+                let end = (first + ROWS * width).min(width * height);
                 (first..end).map(pixel).collect()
             })
             .collect();

@@ -128,7 +128,6 @@ impl View {
         let mut ideal = match &self.source {
             Some(source) => {
                 let kind = self.depth.as_ref().map(|depth| depth.kind);
-                let kind = kind.unwrap_or(DepthKind::EyeDepth);
                 source.rectified(&distorted_view, self.lens, self.size_px, kind)
             }
             None => distorted_view.undistorted(),

@@ -1,6 +1,7 @@
 //! Sparse points of a COLMAP model, triangulated from feature tracks.
 
-use super::colmap::{ByteReader, find_model, lines};
+use super::byte_reader::ByteReader;
+use super::colmap::{find_model, lines};
 use crate::ImagesError;
 use glam::DVec3;
 use std::path::Path;

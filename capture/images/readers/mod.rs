@@ -3,6 +3,7 @@
 //! `text` and `json` parse numbers and fields with errors that name them; `text` also lists
 //! folders; `paths` finds files; `left_out` collects unusable frames; `mat5` reads variables of MATLAB files. `nerfstudio` also writes sets.
 
+mod byte_reader;
 pub(crate) mod colmap;
 mod colmap_cameras;
 pub(crate) mod colmap_points;

@@ -27,17 +27,19 @@ pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
             ["cameras", "images"],
         ] {
             let [cameras, images] = [cameras, images].map(|name| keyframes.join(name));
-            if cameras.is_dir() && images.is_dir() {
-                return open_polycam(folder, &keyframes, &cameras, &images);
+            if !(cameras.is_dir() && images.is_dir()) {
+                continue;
+            }
+            if let Some(set) = open_polycam(folder, &keyframes, &cameras, &images)? {
+                return Ok(Some(set));
             }
         }
     }
     for below in ["", "EXR_RGBD"] {
         let metadata = folder.join(below).join("metadata.json");
-        let is_record3d = metadata.is_file() && {
-            let value = json::read(&metadata)?;
-            value["poses"].is_array() && value["K"].is_array()
-        };
+        let is_record3d = metadata.is_file()
+            && json::read(&metadata)
+                .is_ok_and(|value| value["poses"].is_array() && value["K"].is_array());
         if is_record3d {
             return open_record3d(folder, &metadata).map(Some);
         }
@@ -99,7 +101,10 @@ fn open_polycam(
         file.extension()
             .is_some_and(|extension| extension == "json")
     });
-    if files.is_empty() {
+    // Other programs have folders of these names, too.
+    let is_polycam =
+        |file: &PathBuf| json::read(file).is_ok_and(|camera| camera["t_00"].is_number());
+    if !files.iter().any(is_polycam) {
         return Ok(None);
     }
     let mut views = Vec::new();

@@ -33,8 +33,14 @@ const TUM_CAMERA: [f64; 4] = [525.0, 525.0, 319.5, 239.5];
 
 /// Opens the sequence in a folder; `None` if it has none of the layouts.
 pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
-    if folder.join("pose").is_dir() && folder.join("color").is_dir() {
-        return open_scannet(folder).map(Some);
+    let first = |names: &[&str]| {
+        let mut folders = names.iter().map(|name| folder.join(name));
+        folders.find(|folder| folder.is_dir())
+    };
+    let poses = first(&["pose", "poses"]);
+    let colors = first(&["color", "rgb", "images"]);
+    if let (Some(poses), Some(colors)) = (poses, colors) {
+        return open_scannet(folder, &poses, &colors).map(Some);
     }
     if folder.join("groundtruth.txt").is_file() && folder.join("rgb.txt").is_file() {
         return open_tum(folder).map(Some);
@@ -122,14 +128,15 @@ fn number_of(path: &Path) -> (Option<u64>, String) {
     (stem.parse().ok(), stem.into_owned())
 }
 
-fn open_scannet(folder: &Path) -> Result<ImageSet, ImagesError> {
+fn open_scannet(folder: &Path, poses: &Path, colors: &Path) -> Result<ImageSet, ImagesError> {
     let names = ["intrinsic_color.txt", "intrinsic_depth.txt"];
     let places = ["intrinsic", "intrinsics", ""];
     let find = |name: &str| {
         let files = places.map(|place| folder.join(place).join(name));
         files.into_iter().find(|file| file.is_file())
     };
-    let Some(file) = find(names[0]) else {
+    let shared = ["camera-intrinsics.txt", "intrinsics.txt", "intrinsic.txt"];
+    let Some(file) = find(names[0]).or_else(|| shared.into_iter().find_map(find)) else {
         let cause = "is missing: a ScanNet sequence (color, depth, pose) needs its intrinsics";
         let expected = folder.join("intrinsic").join(names[0]);
         return Err(ImagesError::field(&expected, "the file", cause));
@@ -148,7 +155,7 @@ fn open_scannet(folder: &Path) -> Result<ImageSet, ImagesError> {
         }
     }
     let is_pose = |path: &PathBuf| path.extension().is_some_and(|extension| extension == "txt");
-    let mut poses = text::list_folder(&folder.join("pose"))?;
+    let mut poses = text::list_folder(poses)?;
     poses.retain(is_pose);
     poses.sort_by_key(|path| number_of(path));
     let mut sequence = Sequence::new();
@@ -159,7 +166,7 @@ fn open_scannet(folder: &Path) -> Result<ImageSet, ImagesError> {
                 .map_err(|cause| ImagesError::field(&pose_file, "the 4x4 pose", cause))
         });
         let depth = folder.join("depth").join(format!("{stem}.png"));
-        let color = find_image(&folder.join("color"), &stem);
+        let color = find_image(colors, &stem);
         sequence.add(color, Some((depth, SCANNET_UNIT_M)), pose, lens)?;
     }
     sequence.finish(folder, "ScanNet sequence", notes)
