@@ -2,10 +2,10 @@
 
 use super::ImagesError;
 use super::depth::extension;
-use super::exr_layer::ExrLayer;
-use exr::meta::MetaData;
 use headbox_core::color::srgb8_from_linear;
 use headbox_core::image::codec::{self, MAX_PIXELS};
+use headbox_core::image::exr_channels::ExrParts;
+use headbox_core::image::orientation;
 use std::path::Path;
 
 /// Width, height, and pixels: row-major sRGB with straight alpha.
@@ -44,7 +44,7 @@ const CONSTANT_ZERO: &str = "CONSTANT_ZERO";
 const CONSTANT_ONE: &str = "CONSTANT_ONE";
 
 /// Lookup of a channel's samples by name: 0..=1, or linear light.
-type ChannelLookup = Box<dyn Fn(&str) -> Option<Vec<f32>>>;
+type ChannelLookup<'a> = Box<dyn Fn(&str) -> Result<Option<Vec<f32>>, ImagesError> + 'a>;
 
 /// Reads an image like [`read_color`], with its channels selected by name.
 ///
@@ -56,25 +56,23 @@ pub(super) fn read_channels(
 ) -> Result<ColorPicture, ImagesError> {
     let is_exr = extension(path) == "exr";
     let (width, height, find): (u32, u32, ChannelLookup) = if is_exr {
-        let layer = ExrLayer::read(path)?;
-        let width = layer.width;
-        let height = layer.height;
+        let failed = |error| ImagesError::picture(path, error);
+        let parts = ExrParts::read(path).map_err(failed)?;
+        let first = channels.0.iter().find_map(|name| parts.find(name));
+        let [width, height] = first.map_or(parts.first_size_px(), |it| parts.size_px(it));
         let find = move |name: &str| {
-            layer
-                .channel(name)
-                .map(|samples| samples.values_as_f32().collect())
+            let channel = parts.find(name)?;
+            let has_size = parts.size_px(channel) == [width, height];
+            has_size.then(|| parts.decode_one(path, channel))
         };
+        let find = move |name: &str| find(name).transpose().map_err(failed);
         (width, height, Box::new(find))
     } else {
         let (width, height, pixels) = read_integers(path)?;
         let find = move |name: &str| {
-            let channel = USUAL.iter().position(|known| *known == name)?;
-            Some(
-                pixels
-                    .iter()
-                    .map(|pixel| f32::from(pixel[channel]) / 255.0)
-                    .collect(),
-            )
+            let channel = USUAL.iter().position(|known| *known == name);
+            let share = |channel| move |pixel: &[u8; 4]| f32::from(pixel[channel]) / 255.0;
+            Ok(channel.map(|channel| pixels.iter().map(share(channel)).collect()))
         };
         (width, height, Box::new(find))
     };
@@ -84,7 +82,7 @@ pub(super) fn read_channels(
         CONSTANT_ONE => Ok(vec![1.0; count]),
         _ => {
             let missing = || format!("has no channel {name}");
-            find(name).ok_or_else(|| ImagesError::invalid_picture(path, missing()))
+            find(name)?.ok_or_else(|| ImagesError::invalid_picture(path, missing()))
         }
     };
     let [r, g, b, a] = &channels.0;
@@ -116,18 +114,35 @@ fn from_shares(shares: [f32; 4]) -> [u8; 4] {
 /// [`ImagesError`] that names the file.
 pub(super) fn read_size(path: &Path) -> Result<[u32; 2], ImagesError> {
     if extension(path) == "exr" {
-        let meta = codec::read_exr(|| MetaData::read_from_file(path, false))
-            .map_err(|error| ImagesError::picture(path, error))?;
-        let size = meta.headers.first().map(|header| header.layer_size);
-        return size
-            .map(|size| [size.x() as u32, size.y() as u32])
-            .ok_or_else(|| ImagesError::invalid_picture(path, "has no layer"));
+        let parts = ExrParts::read(path).map_err(|error| ImagesError::picture(path, error))?;
+        return Ok(parts.first_size_px());
     }
     let reader = image::ImageReader::open(path).map_err(|cause| ImagesError::io(path, cause))?;
     let (width, height) = reader
         .into_dimensions()
         .map_err(|error| ImagesError::picture(path, error.into()))?;
     Ok([width, height])
+}
+
+/// Reads the size of the image that a camera with this principal point took, pixels: that of the
+/// upright image if the file is stored on its side, by its EXIF orientation, and the principal
+/// point lies nearer to the centre of the upright one.
+///
+/// # Errors
+/// See [`read_size`].
+pub(super) fn read_camera_size(
+    path: &Path,
+    principal_px: [f64; 2],
+) -> Result<[u32; 2], ImagesError> {
+    let stored = read_size(path)?;
+    let upright = [stored[1], stored[0]];
+    let distance = |size: [u32; 2]| {
+        let axis = |k: usize| principal_px[k] - f64::from(size[k]) / 2.0;
+        axis(0).hypot(axis(1))
+    };
+    let is_upright =
+        distance(upright) < distance(stored) && orientation::swaps_sides(orientation::read(path));
+    Ok(if is_upright { upright } else { stored })
 }
 
 fn read_integers(path: &Path) -> Result<ColorPicture, ImagesError> {
@@ -140,21 +155,30 @@ fn read_integers(path: &Path) -> Result<ColorPicture, ImagesError> {
     Ok((width, height, pixels))
 }
 
+/// Reads the colours of an EXR, also those of a layer ([`ExrParts::color`]).
 fn read_exr(path: &Path) -> Result<ColorPicture, ImagesError> {
-    let [width, height] = read_size(path)?;
+    let failed = |error| ImagesError::picture(path, error);
+    let bad = |cause: String| ImagesError::invalid_picture(path, cause);
+    let parts = ExrParts::read(path).map_err(failed)?;
+    let found = parts.color().ok_or_else(|| {
+        bad(format!(
+            "has no channels R, G and B, nor Y alone; its channels are {}",
+            parts.describe()
+        ))
+    })?;
+    let channels: Vec<_> = found.into_iter().flatten().collect();
+    let [width, height] = parts.size_px(channels[0]);
     if u64::from(width) * u64::from(height) > MAX_PIXELS {
-        let cause = format!("has more than {MAX_PIXELS} pixels");
-        return Err(ImagesError::invalid_picture(path, cause));
+        return Err(bad(format!("has more than {MAX_PIXELS} pixels")));
     }
-    let image = codec::read_exr(|| {
-        exr::prelude::read_first_rgba_layer_from_file(
-            path,
-            |size, _| (size.x(), vec![[0u8; 4]; size.x() * size.y()]),
-            |(stride, pixels), pixel, (r, g, b, a): (f32, f32, f32, f32)| {
-                pixels[pixel.y() * *stride + pixel.x()] = from_linear([r, g, b, a]);
-            },
-        )
+    let stride = width as usize;
+    let mut light = vec![[0.0, 0.0, 0.0, 1.0]; stride * height as usize];
+    let decoded = parts.decode(path, &channels, &mut |channel, [x, y], row| {
+        let start = y * stride + x;
+        for (pixel, value) in light[start..start + row.len()].iter_mut().zip(row) {
+            pixel[channel] = *value;
+        }
     });
-    let image = image.map_err(|error| ImagesError::picture(path, error))?;
-    Ok((width, height, image.layer_data.channel_data.pixels.1))
+    decoded.map_err(failed)?;
+    Ok((width, height, light.into_iter().map(from_linear).collect()))
 }

@@ -1,11 +1,11 @@
 //! Depth files and the meaning of their values.
 
 use super::ImagesError;
-use super::exr_layer::ExrLayer;
+use super::depth_files::{self, DepthFormat};
 use exr::prelude::{Encoding, Image, LineOrder, SpecificChannels, WritableImage};
 use headbox_core::depth_kind::DepthKind;
 use headbox_core::files::write_whole;
-use headbox_core::image::codec::{self, MAX_PIXELS};
+use headbox_core::image::orientation::{self, Orientation};
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -49,15 +49,17 @@ pub fn write_depth_exr(depth: &DepthPicture, path: &Path) -> io::Result<()> {
 /// Depth file of a view and the meaning of its values.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DepthSource {
-    /// EXR, 16-bit grey image, or `.bin` map of COLMAP.
+    /// EXR, 16-bit grey image, TIFF, NPY, or `.bin` map of COLMAP.
     pub path: PathBuf,
-    /// Channel of an EXR, or `None` for `Z`, else `Y`, `R`, or the only one; R, G, B or A of a
-    /// colour image of integers.
+    /// Channel of an EXR, or `None` for the one with depth; R, G, B or A of a colour image of
+    /// integers.
     pub channel: Option<String>,
     /// Kind of depth that a value times `unit_m` is.
     pub kind: DepthKind,
-    /// Metres per stored value (per step in integer images); 1/65535 for window depth in 16 bits.
+    /// Metres per stored integer; 1/65535 for window depth in 16 bits.
     pub unit_m: f32,
+    /// Metres per stored floating-point number.
+    pub float_unit_m: f32,
     /// For [`DepthKind::WindowDepth`]: entries (2, 2) and (2, 3) of the clip matrix, which also
     /// show reversed depth.
     pub window: Option<[f64; 2]>,
@@ -69,21 +71,60 @@ pub struct DepthSource {
     /// ([`super::dense_depth`]). Such depth belongs to the undistorted lens and needs no
     /// registration.
     pub estimated_deviation: Option<f32>,
+    /// Properties that the set's files do not specify.
+    pub assumed: AssumedDepth,
+}
+
+/// Properties of depth files that a set does not specify, so that its reader assumes those of its
+/// format; [`super::ImageSet::open`] compares them with the depth itself.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct AssumedDepth {
+    /// True if [`DepthSource::kind`] is assumed.
+    pub kind: bool,
+    /// True if [`DepthSource::unit_m`] and [`DepthSource::float_unit_m`] are assumed.
+    pub unit: bool,
 }
 
 impl DepthSource {
-    /// Creates a source of eye depth or ray distance in units of `unit_m`.
+    /// Creates a source of eye depth or ray distance in units of `unit_m`, integer or not.
     pub fn metres(path: PathBuf, kind: DepthKind, unit_m: f32) -> Self {
         Self {
             path,
             channel: None,
             kind,
             unit_m,
+            float_unit_m: unit_m,
             window: None,
             zero_is_far: false,
             is_share: false,
             estimated_deviation: None,
+            assumed: AssumedDepth::default(),
         }
+    }
+
+    /// Creates a source whose kind and unit are not specified: integers in millimetres,
+    /// floating-point numbers in metres.
+    pub fn assumed(path: PathBuf, kind: DepthKind) -> Self {
+        Self {
+            float_unit_m: 1.0,
+            assumed: AssumedDepth {
+                kind: true,
+                unit: true,
+            },
+            ..Self::metres(path, kind, 0.001)
+        }
+    }
+
+    /// Returns the near and the far plane of the clip matrix, in its unit; the far one may be
+    /// infinite. `None` without a matrix.
+    pub(super) fn clip_range(&self) -> Option<[f64; 2]> {
+        let [a, b] = self.window?;
+        // Depth where the window depth is 0 and 1; they are swapped if it is reversed.
+        let ends = [b / (a - 1.0), b / (a + 1.0)];
+        let [low, high] = [ends[0].min(ends[1]), ends[0].max(ends[1])];
+        let far = if low > 0.0 { high } else { f64::INFINITY };
+        let near = if low > 0.0 { low } else { high };
+        (near > 0.0 && near.is_finite()).then_some([near, far])
     }
 
     /// Reads eye depth, or ray distance if that is the kind, in metres: infinite where the file
@@ -94,19 +135,16 @@ impl DepthSource {
     /// # Errors
     /// [`ImagesError`] that names the file.
     pub fn read(&self) -> Result<DepthPicture, ImagesError> {
-        let channel = self.channel.as_deref();
-        let mut picture = match extension(&self.path).as_str() {
-            "exr" => read_exr(&self.path, channel, self.unit_m)?,
-            "bin" => read_colmap_map(&self.path)?,
-            _ => {
-                let format = IntegerFormat {
-                    eight_bits: false,
-                    are_shares: self.is_share,
-                    channel,
-                };
-                read_integers(&self.path, self.unit_m, &format)?
-            }
-        };
+        let mut picture = depth_files::read(
+            &self.path,
+            &DepthFormat {
+                unit: self.unit_m,
+                float_unit: self.float_unit_m,
+                eight_bits: false,
+                are_shares: self.is_share,
+                channel: self.channel.as_deref(),
+            },
+        )?;
         for value in &mut picture.values {
             let depth = match (self.kind, self.window) {
                 // Window depth d is (ndc + 1) / 2, and ndc = -a + b / Z with the clip matrix's a
@@ -129,25 +167,117 @@ impl DepthSource {
 }
 
 impl DepthPicture {
-    /// Reads depth from EXR (channel `Z`, else `Y`, `R`, or the only one) or from a grey image of 8
-    /// or 16 bits such as PNG. Each stored value is multiplied by `unit`: metres per value (0.001
-    /// for millimetres in 16-bit PNG), or 1/65535 for window depth in 16 bits. In integer images 0
-    /// means unknown and becomes NaN.
+    /// Reads depth from EXR (channel `Z` and others, see [`ExrParts::depth`]), TIFF, NPY, or from a
+    /// grey image of 8 or 16 bits such as PNG. Integers are multiplied by `unit`: metres per value
+    /// (0.001 for millimetres in 16-bit PNG), or 1/65535 for window depth in 16 bits; floating-point
+    /// numbers by `float_unit`. Of integers 0 means unknown and becomes NaN.
     ///
     /// # Errors
     /// [`ImagesError`] that names the file.
-    pub fn read(path: &Path, unit: f32) -> Result<Self, ImagesError> {
-        if extension(path) == "exr" {
-            read_exr(path, None, unit)
-        } else {
-            let format = IntegerFormat {
+    ///
+    /// [`ExrParts::depth`]: headbox_core::image::exr_channels::ExrParts::depth
+    pub fn read(path: &Path, unit: f32, float_unit: f32) -> Result<Self, ImagesError> {
+        depth_files::read(
+            path,
+            &DepthFormat {
+                unit,
+                float_unit,
                 eight_bits: true,
                 are_shares: false,
                 channel: None,
+            },
+        )
+    }
+
+    /// Returns the depth at the pixels of an image of the same rays and another resolution; `None`
+    /// if the sides have different proportions, by more than rounding them explains.
+    ///
+    /// Between pixels, inverse depth is interpolated, which is linear on planes; at silhouettes and
+    /// next to unknown depth the nearest pixel is taken, so that no surface arises between front
+    /// and back. Values that are neither eye depth nor distance (window depth) need
+    /// `take_nearest`.
+    #[must_use]
+    pub fn resampled(&self, size_px: [u32; 2], take_nearest: bool) -> Option<Self> {
+        let own = [self.width, self.height];
+        if own == size_px {
+            return Some(self.clone());
+        }
+        if !has_proportions(own, size_px) || self.values.len() < (own[0] as usize * own[1] as usize)
+        {
+            return None;
+        }
+        let positions = |axis: usize| -> Vec<(usize, usize, f64)> {
+            let scale = f64::from(own[axis]) / f64::from(size_px[axis]);
+            let last = f64::from(own[axis] - 1);
+            let position = |i: u32| {
+                let at = ((f64::from(i) + 0.5) * scale - 0.5).clamp(0.0, last);
+                let low = at as usize;
+                (low, (low + 1).min(last as usize), at.fract())
             };
-            read_integers(path, unit, &format)
+            (0..size_px[axis]).map(position).collect()
+        };
+        let [columns, rows] = [positions(0), positions(1)];
+        let width = self.width as usize;
+        let mut values = Vec::with_capacity(columns.len() * rows.len());
+        for &(y0, y1, fy) in &rows {
+            for &(x0, x1, fx) in &columns {
+                let corners = [(x0, y0), (x1, y0), (x0, y1), (x1, y1)];
+                let corners = corners.map(|(x, y)| self.values[y * width + x]);
+                let nearest = corners[usize::from(fx >= 0.5) + 2 * usize::from(fy >= 0.5)];
+                values.push(if take_nearest {
+                    nearest
+                } else {
+                    interpolate(corners, [fx, fy], nearest)
+                });
+            }
+        }
+        Some(Self {
+            width: size_px[0],
+            height: size_px[1],
+            values,
+        })
+    }
+
+    /// Turns the picture.
+    #[must_use]
+    pub fn turned(&self, orientation: Orientation) -> Self {
+        let size = [self.width, self.height];
+        let ([width, height], values) = orientation::turn(size, &self.values, orientation);
+        Self {
+            width,
+            height,
+            values,
         }
     }
+}
+
+/// Largest relative difference of the depths of adjacent pixels of one surface.
+const SAME_SURFACE: f32 = 0.1;
+
+/// Interpolates the inverse depths of four pixels, or returns `nearest` unless they belong to one
+/// surface.
+fn interpolate(corners: [f32; 4], [fx, fy]: [f64; 2], nearest: f32) -> f32 {
+    let low = corners.into_iter().fold(f32::INFINITY, f32::min);
+    let high = corners.into_iter().fold(f32::NEG_INFINITY, f32::max);
+    let is_known = |depth: &f32| depth.is_finite() && *depth > 0.0;
+    if !corners.iter().all(is_known) || high > low * (1.0 + SAME_SURFACE) || low == high {
+        return nearest;
+    }
+    let [a, b, c, d] = corners.map(|depth| 1.0 / f64::from(depth));
+    let top = a + (b - a) * fx;
+    let bottom = c + (d - c) * fx;
+    (1.0 / (top + (bottom - top) * fy)) as f32
+}
+
+/// Returns true if two sizes have the same proportions: ScanNet's 640x480 of 1296x968 differ by
+/// 0.4 %.
+pub(super) fn has_proportions(a: [u32; 2], b: [u32; 2]) -> bool {
+    const TOLERANCE: f64 = 0.01;
+    let [scale_x, scale_y] = [0, 1].map(|axis| f64::from(a[axis]) / f64::from(b[axis]));
+    // Rounding of the smaller sides.
+    let side = a.iter().chain(&b).min().copied().unwrap_or(1).max(1);
+    let tolerance = TOLERANCE.max(0.5 / f64::from(side));
+    (scale_x / scale_y - 1.0).abs() <= tolerance
 }
 
 /// Returns the extension in lower case, or an empty string.
@@ -155,131 +285,6 @@ pub(super) fn extension(path: &Path) -> String {
     path.extension()
         .map(|extension| extension.to_string_lossy().to_lowercase())
         .unwrap_or_default()
-}
-
-fn read_exr(path: &Path, channel: Option<&str>, unit: f32) -> Result<DepthPicture, ImagesError> {
-    let bad = |cause: String| ImagesError::invalid_picture(path, cause);
-    let layer = ExrLayer::read(path)?;
-    let samples = match channel {
-        Some(name) => layer
-            .channel(name)
-            .ok_or_else(|| bad(format!("has no channel {name}")))?,
-        None => {
-            let usual = ["Z", "Y", "R"]
-                .into_iter()
-                .find_map(|name| layer.channel(name));
-            let usual = usual.or_else(|| layer.only_channel());
-            usual.ok_or_else(|| bad("has no channel Z, Y or R with depth".into()))?
-        }
-    };
-    let values = samples.values_as_f32().map(|value| value * unit).collect();
-    Ok(DepthPicture {
-        width: layer.width,
-        height: layer.height,
-        values,
-    })
-}
-
-/// Interpretation of integer images as depth.
-struct IntegerFormat<'a> {
-    /// True if 8-bit images are accepted.
-    eight_bits: bool,
-    /// True if the smallest and the largest value are depths.
-    are_shares: bool,
-    /// Channel of a colour image.
-    channel: Option<&'a str>,
-}
-
-fn read_integers(
-    path: &Path,
-    unit: f32,
-    format: &IntegerFormat,
-) -> Result<DepthPicture, ImagesError> {
-    let bad = |cause: String| ImagesError::invalid_picture(path, cause);
-    let image =
-        codec::read(path, 2 * MAX_PIXELS).map_err(|error| ImagesError::picture(path, error))?;
-    let values: Vec<u16> = match &image.image {
-        image::DynamicImage::ImageLuma8(grey) if format.eight_bits => {
-            grey.as_raw().iter().map(|&v| u16::from(v)).collect()
-        }
-        image::DynamicImage::ImageLuma8(_) => {
-            return Err(bad(
-                "has depth in 8 bits, too few for parallax; use 16 bits or EXR".into(),
-            ));
-        }
-        image::DynamicImage::ImageLuma16(grey) => grey.as_raw().clone(),
-        image::DynamicImage::ImageRgb16(_) | image::DynamicImage::ImageRgba16(_)
-            if format.channel.is_some() =>
-        {
-            let name = format.channel.unwrap_or_default();
-            let channel = ["R", "G", "B", "A"].iter().position(|known| *known == name);
-            let channel =
-                channel.ok_or_else(|| bad(format!("has no channel {name}, only R, G, B and A")))?;
-            image
-                .image
-                .to_rgba16()
-                .pixels()
-                .map(|pixel| pixel.0[channel])
-                .collect()
-        }
-        _ => {
-            return Err(bad(
-                "is not a depth image; expected 8 or 16 bits of grey, or EXR".into(),
-            ));
-        }
-    };
-    let is_unknown =
-        |v: u16| !format.are_shares && (v == 0 || (!format.eight_bits && v == u16::MAX));
-    let value = |v: u16| {
-        if is_unknown(v) {
-            f32::NAN
-        } else {
-            f32::from(v) * unit
-        }
-    };
-    let values = values.into_iter().map(value).collect();
-    Ok(DepthPicture {
-        width: image.image.width(),
-        height: image.image.height(),
-        values,
-    })
-}
-
-/// Reads a depth map of COLMAP's dense reconstruction: `width&height&channels&`, then 32-bit
-/// floats.
-fn read_colmap_map(path: &Path) -> Result<DepthPicture, ImagesError> {
-    let bytes = std::fs::read(path).map_err(|cause| ImagesError::io(path, cause))?;
-    let bad = |cause: &str| ImagesError::invalid_picture(path, cause);
-    let mut rest = bytes.as_slice();
-    let mut header = [0usize; 3];
-    for number in &mut header {
-        let end = rest
-            .iter()
-            .take(12)
-            .position(|&byte| byte == b'&')
-            .ok_or_else(|| bad("is not a COLMAP depth map"))?;
-        let text = std::str::from_utf8(&rest[..end])
-            .ok()
-            .and_then(|text| text.parse().ok());
-        *number = text.ok_or_else(|| bad("is not a COLMAP depth map"))?;
-        rest = &rest[end + 1..];
-    }
-    let [width, height, channels] = header;
-    let count = width
-        .checked_mul(height)
-        .filter(|&count| count as u64 <= MAX_PIXELS && channels == 1);
-    let count = count.ok_or_else(|| bad("is not a COLMAP depth map with one channel"))?;
-    if rest.len() != count * 4 {
-        return Err(bad(
-            "has a length that does not match the size in its header",
-        ));
-    }
-    let words = rest.as_chunks().0.iter();
-    Ok(DepthPicture {
-        width: width as u32,
-        height: height as u32,
-        values: words.map(|word| f32::from_le_bytes(*word)).collect(),
-    })
 }
 
 #[cfg(test)]
@@ -439,6 +444,66 @@ mod tests {
         for broken in [&bytes[..9], b"99999999&99999999&1&", b"x", b""] {
             std::fs::write(&path, broken).expect("written");
             assert!(source.read().is_err());
+        }
+    }
+
+    #[test]
+    fn resampled_depth_is_exact_on_planes() {
+        // Inverse depth is linear: 0.2 + 0.01 x + 0.02 y at the pixels of the small picture.
+        let small = |x: u32, y: u32| 1.0 / (0.2 + 0.01 * x as f32 + 0.02 * y as f32);
+        let pixels = |width: u32, height: u32| {
+            (0..height).flat_map(move |y| (0..width).map(move |x| (x, y)))
+        };
+        let mut picture = DepthPicture {
+            width: 8,
+            height: 6,
+            values: pixels(8, 6).map(|(x, y)| small(x, y)).collect(),
+        };
+        let large = picture.resampled([32, 24], false).expect("fits");
+        for ((x, y), value) in pixels(32, 24).zip(&large.values) {
+            let [u, v] = [x, y].map(|at| (f64::from(at) + 0.5) / 4.0 - 0.5);
+            if (0.0..=7.0).contains(&u) && (0.0..=5.0).contains(&v) {
+                let expected = 1.0 / (0.2 + 0.01 * u + 0.02 * v);
+                assert!((f64::from(*value) - expected).abs() < 1e-5, "{x} {y}");
+            }
+        }
+        // A silhouette and an unknown pixel keep the depths that there are.
+        picture.values = vec![2.0; 48];
+        picture.values[20] = 1.0;
+        picture.values[30] = f32::NAN;
+        let large = picture.resampled([32, 24], false).expect("fits");
+        assert!(
+            large
+                .values
+                .iter()
+                .all(|z| *z == 1.0 || *z == 2.0 || z.is_nan())
+        );
+        assert_eq!(large.values.iter().filter(|z| z.is_nan()).count(), 16);
+        assert_eq!(large.values.iter().filter(|z| **z == 1.0).count(), 16);
+        assert!(picture.resampled([24, 32], false).is_none());
+        assert_eq!(
+            picture.resampled([4, 3], false).expect("fits").values.len(),
+            12
+        );
+        assert!(
+            has_proportions([640, 480], [1296, 968]) && has_proportions([256, 192], [1920, 1440])
+        );
+        assert!(!has_proportions([640, 480], [640, 640]));
+    }
+
+    #[test]
+    fn clip_range_of_any_matrix() {
+        let near = 0.5;
+        for (far, expected) in [(20.0, 20.0), (1e30, f64::INFINITY)] {
+            for sign in [1.0, -1.0] {
+                let a = -sign * (far + near) / (far - near);
+                let b = -sign * 2.0 * far * near / (far - near);
+                let path = PathBuf::from("d.png");
+                let range = source(path, DepthKind::EyeDepth, Some([a, b])).clip_range();
+                let [found_near, found_far] = range.expect("a range");
+                assert!((found_near - near).abs() < 1e-9, "{found_near}");
+                assert!(found_far == expected || (found_far / expected - 1.0).abs() < 1e-9);
+            }
         }
     }
 }

@@ -20,13 +20,14 @@
 //! | panoramas | `panorama` | equirectangular, or six cube faces, with depth files next to them |
 //!
 //! Modules in the order of work: `readers` open a folder; `view`, `pose`, `lens`, `depth`,
-//! `camera_model` and `rectify` (images that are resampled into perspective views),
-//! `color_images` and `exr_layer` describe and load one view; `align` runs COLMAP on photographs
+//! `camera_model` and `rectify` (images that are resampled into perspective views), `depth_files`,
+//! `color_images` and `view_files` describe and load one view; `depth_evidence` finds the kind and
+//! unit of depth that no file specifies; `align` runs COLMAP on photographs
 //! without poses; `check` compares neighbouring views; `refine` corrects poses and `register`
 //! colour cameras; `backdrop` masks a dark background; `dense_depth` estimates depth by multi-view
 //! stereo, stored next to the images and read from there afterwards; `planar_layers` segments a
 //! sequence into planes; `deep_exr` reads and writes deep images; `traced_view` renders views with
-//! exact depth.
+//! exact depth; `error` has their errors.
 
 pub mod align;
 pub mod backdrop;
@@ -36,7 +37,9 @@ mod color_images;
 pub mod deep_exr;
 pub mod dense_depth;
 pub mod depth;
-mod exr_layer;
+mod depth_evidence;
+mod depth_files;
+mod error;
 mod lens;
 pub mod planar_layers;
 mod pose;
@@ -46,6 +49,7 @@ mod refine;
 mod register;
 pub mod traced_view;
 mod view;
+mod view_files;
 
 pub use crate::color_images::{ColorChannels, ColorPicture, read_color};
 pub use crate::readers::colmap_points::{SparsePoint, read_sparse_points};
@@ -53,7 +57,8 @@ pub use crate::readers::nerfstudio::{SetWriter, write_set};
 pub use align::{AlignError, AlignProgress, AlignStep, Alignment, align};
 pub use camera_model::{CameraModel, Polynomial, Projection};
 pub use check::{CheckReport, Residual, check, check_neighbors};
-pub use depth::{DepthPicture, DepthSource, write_depth_exr};
+pub use depth::{AssumedDepth, DepthPicture, DepthSource, write_depth_exr};
+pub use error::ImagesError;
 pub use lens::{Distortion, Lens, Pinhole};
 pub use pose::Pose;
 pub use rectify::SourceCamera;
@@ -64,99 +69,15 @@ pub use view::{LoadedView, MAX_DEPTH_M, View};
 use crate::readers::paths::resolve;
 use glam::{DMat3, DVec3};
 use headbox_core::file_frame::FileFrame;
-use headbox_core::image::codec::{self, PictureError};
+use headbox_core::image::codec;
+use headbox_core::image::orientation::{self, Orientation};
 use headbox_core::statistics::median;
+use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 
 /// Standard deviation of inverse depth of consumer depth sensors, 1/m: structured light has an
 /// error of about 1.5 mm at one metre and 6 mm at two (Khoshelham and Elberink 2012).
 const SENSOR_NOISE: f32 = 0.0015;
-
-/// Error of reading an image set. Each message is one sentence that names the file and, if there is
-/// one, the field.
-#[derive(Debug, thiserror::Error)]
-pub enum ImagesError {
-    /// A file or folder cannot be opened or read.
-    #[error("{}: cannot be read: {cause}", path.display())]
-    Io {
-        /// The file.
-        path: PathBuf,
-        /// Error of the operating system.
-        cause: std::io::Error,
-    },
-    /// The folder holds none of the supported formats.
-    #[error(
-        "{}: not an image set; expected manifest.json (Seurat), transforms.json (nerfstudio), cameras.bin or cameras.txt \
-                 (COLMAP), frame-*.pose.txt (RGB-D frames), \
-                 pose and color (ScanNet), groundtruth.txt (TUM), traj.txt (Replica), keyframes (Polycam), metadata.json (Record3D), cameras.json (3D Gaussian Splatting), \
-                 *.xml (Metashape), *_par.txt (Middlebury), *.P or *.mat (projection matrices), or panoramas with depth next to them \
-                 (NAME.png and NAME_depth.exr); to read a deep EXR, name the file itself",
-        path.display()
-    )]
-    NoImageSet {
-        /// The folder.
-        path: PathBuf,
-    },
-    /// A field of a file is missing or invalid.
-    #[error("{}: {field}: {cause}", path.display())]
-    Field {
-        /// The file.
-        path: PathBuf,
-        /// Path of the field in the file.
-        field: String,
-        /// Problem, as the rest of a sentence about the field.
-        cause: String,
-    },
-    /// An image cannot be decoded or does not fit the set.
-    #[error("{}: {cause}", path.display())]
-    Picture {
-        /// The file.
-        path: PathBuf,
-        /// Problem, as the rest of a sentence about the file.
-        cause: String,
-    },
-    /// A path leads out of the set's folder.
-    #[error("{}: {field}: \"{leads_to}\" leads out of the folder; pass --allow-outside if you trust the file", path.display())]
-    Outside {
-        /// The file that contains the path.
-        path: PathBuf,
-        /// Path of the field in the file.
-        field: String,
-        /// The offending path.
-        leads_to: String,
-    },
-}
-
-impl ImagesError {
-    pub(crate) fn field(path: &Path, field: impl Into<String>, cause: impl Into<String>) -> Self {
-        Self::Field {
-            path: path.into(),
-            field: field.into(),
-            cause: cause.into(),
-        }
-    }
-
-    pub(crate) fn io(path: &Path, cause: std::io::Error) -> Self {
-        Self::Io {
-            path: path.into(),
-            cause,
-        }
-    }
-
-    fn picture(path: &Path, error: PictureError) -> Self {
-        match error {
-            PictureError::Io(cause) => Self::io(path, cause),
-            error => Self::invalid_picture(path, error.to_string()),
-        }
-    }
-
-    pub(crate) fn invalid_picture(path: &Path, cause: impl Into<String>) -> Self {
-        Self::Picture {
-            path: path.into(),
-            cause: cause.into(),
-        }
-    }
-}
 
 /// Options of [`ImageSet::open`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -207,6 +128,8 @@ impl ImageSet {
         let mut set = Self::read(path, options)?;
         set.drop_missing()?;
         set.note_cut_images();
+        set.note_turned_images();
+        depth_evidence::examine(&mut set);
         dense_depth::attach(&mut set)?;
         Ok(set)
     }
@@ -248,6 +171,37 @@ impl ImageSet {
                 self.views.len(),
                 first.color.display()
             ));
+        }
+    }
+
+    /// Notes images with an EXIF orientation: those that are turned upright, and those that are
+    /// read as stored, because the set's size is that of the file.
+    fn note_turned_images(&mut self) {
+        let turn = |view: &View| orientation::read(&view.color) != Orientation::NoTransforms;
+        let has_turn: Vec<bool> = self.views.par_iter().map(turn).collect();
+        let marked = self.views.iter().zip(has_turn).filter(|(_, turn)| *turn);
+        let is_turned = |view: &&View| {
+            let size = color_images::read_size(&view.color);
+            size.is_ok_and(|size| view.upright_turn(size).is_some())
+        };
+        let (turned, stored): (Vec<&View>, Vec<&View>) =
+            marked.map(|(view, _)| view).partition(is_turned);
+        let kinds = [
+            (turned, "are turned upright by their EXIF orientation"),
+            (
+                stored,
+                "have an EXIF orientation, but are read as stored, as their size in the set says",
+            ),
+        ];
+        for (views, what) in kinds {
+            if let Some(first) = views.first() {
+                self.notes.push(format!(
+                    "{} of {} images {what}, such as {}",
+                    views.len(),
+                    self.views.len(),
+                    first.color.display()
+                ));
+            }
         }
     }
 

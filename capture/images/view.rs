@@ -9,7 +9,7 @@ use super::register::Registration;
 use crate::color_images::{ColorChannels, read_channels, read_color, read_size};
 use glam::{DVec2, DVec3};
 use headbox_core::camera::Camera;
-use headbox_core::depth_kind::DepthKind;
+use headbox_core::image::orientation;
 use std::path::PathBuf;
 
 /// Depth assigned to infinitely far points, metres: moving by one metre shifts them by a hundredth
@@ -96,7 +96,12 @@ impl View {
             Some(channels) => read_channels(&self.color, channels)?,
             None => read_color(&self.color)?,
         };
-        self.check_size([width, height])?;
+        if let Some(turn) = self.upright_turn([width, height]) {
+            color = orientation::turn([width, height], &color, turn).1;
+        } else {
+            self.check_size([width, height])?;
+        }
+        let [width, height] = self.file_size_px();
         if let Some(mask) = &self.mask {
             let (mask_width, mask_height, mask_pixels) = read_color(mask)?;
             if (mask_width, mask_height) != (width, height) {
@@ -146,7 +151,10 @@ impl View {
     /// # Errors
     /// [`ImagesError`] that names the file.
     pub(super) fn check_files(&self) -> Result<(), ImagesError> {
-        self.check_size(read_size(&self.color)?)?;
+        let stored = read_size(&self.color)?;
+        if self.upright_turn(stored).is_none() {
+            self.check_size(stored)?;
+        }
         let depth = self.depth.as_ref().map(|depth| &depth.path);
         depth.into_iter().chain(&self.mask).try_for_each(|path| {
             std::fs::metadata(path)
@@ -165,49 +173,8 @@ impl View {
     }
 
     /// Size of the image file, pixels.
-    fn file_size_px(&self) -> [u32; 2] {
+    pub(super) fn file_size_px(&self) -> [u32; 2] {
         self.source.map_or(self.size_px, |source| source.size_px)
-    }
-
-    fn load_depth(&self) -> Result<Vec<f32>, ImagesError> {
-        let Some(source) = &self.depth else {
-            return Ok(Vec::new());
-        };
-        let mut picture = source.read()?;
-        // Estimated depth belongs to the rectified view.
-        let size_px = if self.has_own_depth() {
-            self.file_size_px()
-        } else {
-            self.size_px
-        };
-        if [picture.width, picture.height] != size_px {
-            let [w, h] = size_px;
-            let cause = format!(
-                "is {}x{} pixels, but its image is {w}x{h}",
-                picture.width, picture.height
-            );
-            return Err(ImagesError::invalid_picture(&source.path, cause));
-        }
-        for (y, row) in picture
-            .values
-            .chunks_exact_mut(size_px[0] as usize)
-            .enumerate()
-        {
-            for (x, depth) in row.iter_mut().enumerate() {
-                let scale = match (source.kind, self.lens) {
-                    // Converts distance along the ray to a multiple of the ray (C24).
-                    (DepthKind::RayDistance, Lens::Pinhole(_)) if self.source.is_none() => {
-                        (1.0 / self
-                            .lens
-                            .ray([x as f64 + 0.5, y as f64 + 0.5], self.size_px)
-                            .length()) as f32
-                    }
-                    _ => 1.0,
-                };
-                *depth *= scale * self.depth_scale;
-            }
-        }
-        Ok(picture.values)
     }
 
     /// Returns true if `other` is another view of the same image file.

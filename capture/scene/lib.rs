@@ -9,6 +9,7 @@ pub mod material;
 pub mod save;
 pub mod scene;
 mod set_light;
+mod sky_file;
 mod sky_picture;
 mod sky_sun;
 mod stitch;

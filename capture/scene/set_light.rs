@@ -6,13 +6,16 @@ use headbox_core::light_parameters::LightParameters;
 use std::sync::Arc;
 
 impl Scene {
-    /// Applies `light` to this scene: sky, sun, exposure and tone curve.
+    /// Applies `light` to this scene: sky, sun, exposure and tone curve. Notes on the sky are added
+    /// to [`Self::summary`].
     ///
     /// # Errors
     /// If the sky cannot be read.
     pub fn set_light(&mut self, light: &LightParameters) -> Result<(), SkyError> {
         if let Some(path) = &light.sky {
-            let (picture, sun) = SkyPicture::read(path, light.sky_turn)?.without_sun();
+            let (picture, notes) = SkyPicture::read_with_notes(path, light.sky_turn)?;
+            self.summary.notes.extend(notes);
+            let (picture, sun) = picture.without_sun();
             self.sky = Some(Sky::Picture(Arc::new(picture)));
             self.sun = sun;
         }

@@ -9,12 +9,11 @@
 //!
 //! A sun in the picture can be removed from its light (`sky_sun`). It stays visible.
 
+use super::sky_file::{describe_cut_light, read_exr, read_hdr, sanitise};
 use super::sky_sun::SunSpot;
 use crate::load::extension_of;
-use exr::meta::MetaData;
 use glam::Vec3;
 use headbox_core::color::luminance;
-use headbox_core::image::codec::{self, MAX_PIXELS};
 use std::f32::consts::{PI, TAU};
 use std::fmt;
 use std::hash::{DefaultHasher, Hasher};
@@ -105,11 +104,20 @@ impl SkyPicture {
     /// # Errors
     /// [`SkyError::Unreadable`], which names the file.
     pub fn read(path: &Path, turn_deg: f64) -> Result<Self, SkyError> {
+        Ok(Self::read_with_notes(path, turn_deg)?.0)
+    }
+
+    /// Same as [`Self::read`]; also returns notes on light that the file lacks or that was changed,
+    /// one sentence each.
+    ///
+    /// # Errors
+    /// See [`Self::read`].
+    pub fn read_with_notes(path: &Path, turn_deg: f64) -> Result<(Self, Vec<String>), SkyError> {
         let unreadable = |cause: String| SkyError::Unreadable {
             path: path.to_path_buf(),
             cause,
         };
-        let (size, texels) = match extension_of(path).as_str() {
+        let (size, mut texels) = match extension_of(path).as_str() {
             "exr" => read_exr(path),
             "hdr" => read_hdr(path),
             _ => Err(
@@ -118,11 +126,15 @@ impl SkyPicture {
             ),
         }
         .map_err(unreadable)?;
-        let texels = texels
-            .into_iter()
-            .map(|texel| texel.map(sanitise))
-            .collect();
-        Self::new(size, texels, turn_deg).map_err(|cause| unreadable(cause.to_string()))
+        let notes = describe_cut_light(path, &texels);
+        texels
+            .iter_mut()
+            .for_each(|texel| *texel = texel.map(sanitise));
+        let picture = Self::new(size, texels, turn_deg);
+        Ok((
+            picture.map_err(|cause| unreadable(cause.to_string()))?,
+            notes,
+        ))
     }
 
     /// Creates a sky from its columns and rows and their radiance, top row first.
@@ -370,71 +382,4 @@ fn invert_cdf(shares: &[f32], number: f32) -> (usize, f32) {
         0.5
     };
     (at, within)
-}
-
-/// Clamps a radiance from a file to 0 and, if infinite, to the largest half float; NaN stays.
-fn sanitise(channel: f32) -> f32 {
-    const LARGEST_HALF: f32 = 65_504.0;
-    match channel {
-        c if c == f32::INFINITY => LARGEST_HALF,
-        c if c < 0.0 => 0.0,
-        c => c,
-    }
-}
-
-type Texels = ([u32; 2], Vec<[f32; 3]>);
-
-fn read_hdr(path: &Path) -> Result<Texels, String> {
-    let picture = codec::read(path, codec::MAX_BYTES)
-        .map_err(|error| error.to_string())?
-        .image
-        .into_rgb32f();
-    let (width, height) = picture.dimensions();
-    Ok((
-        [width, height],
-        picture.pixels().map(|pixel| pixel.0).collect(),
-    ))
-}
-
-fn read_exr(path: &Path) -> Result<Texels, String> {
-    let meta = codec::read_exr(|| MetaData::read_from_file(path, false))
-        .map_err(|error| error.to_string())?;
-    let size = meta
-        .headers
-        .first()
-        .map(|header| header.layer_size)
-        .ok_or("it has no layer")?;
-    if size.x() as u64 * size.y() as u64 > MAX_PIXELS {
-        return Err(format!(
-            "{}x{} pixels, more than {MAX_PIXELS} in all",
-            size.x(),
-            size.y()
-        ));
-    }
-    let image = codec::read_exr(|| {
-        exr::prelude::read_first_rgba_layer_from_file(
-            path,
-            |size, _| (size.x(), vec![[0f32; 3]; size.x() * size.y()]),
-            |(stride, texels), at, (r, g, b, _): (f32, f32, f32, f32)| {
-                texels[at.y() * *stride + at.x()] = [r, g, b];
-            },
-        )
-    });
-    let image = image.map_err(|error| error.to_string())?;
-    Ok((
-        [size.x() as u32, size.y() as u32],
-        image.layer_data.channel_data.pixels.1,
-    ))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn invalid_radiance_is_sanitised() {
-        let found = [-1e-3, 0.0, 0.5, f32::INFINITY, f32::NEG_INFINITY].map(sanitise);
-        assert_eq!(found, [0.0, 0.0, 0.5, 65_504.0, 0.0]);
-        assert!(sanitise(f32::NAN).is_nan(), "which is an error");
-    }
 }

@@ -60,7 +60,10 @@ fn with_opacities(opacities: [f32; 4], material: &str) -> Result<Scene, String> 
 fn alpha_is_factor_times_texture_times_vertex() {
     let gone = |opacity: f32, material: &str| {
         let error = with_opacities([opacity; 4], material).expect_err("nothing is left");
-        assert!(error.contains("2 triangles with an opacity below"), "{error}");
+        assert!(
+            error.contains("2 triangles with an opacity below"),
+            "{error}"
+        );
     };
     gone(0.2, r#"{"alphaMode":"BLEND"}"#);
     gone(0.1, r#"{"alphaMode":"MASK"}"#);
@@ -133,7 +136,9 @@ fn overlapping_surfaces_in_one_plane_are_counted() {
         )
     };
     let primitive = |material: u32| {
-        format!(r#"{{"primitives":[{{"attributes":{{"POSITION":0}},"indices":2,"material":{material}}}]}}"#)
+        format!(
+            r#"{{"primitives":[{{"attributes":{{"POSITION":0}},"indices":2,"material":{material}}}]}}"#
+        )
     };
     let notes = |z: f32, materials: [u32; 2]| {
         let [wall, poster] = materials.map(primitive);
@@ -141,7 +146,10 @@ fn overlapping_surfaces_in_one_plane_are_counted() {
             r#"{},"meshes":[{wall},{poster}],"materials":[{{}},{{}}]"#,
             nodes(z)
         );
-        load_text(square().gltf(&rest)).expect("clean").summary.notes
+        load_text(square().gltf(&rest))
+            .expect("clean")
+            .summary
+            .notes
     };
     let expected = "4 triangles in one plane with another of a different material, of which the one that faces the viewer is shown, or else the later one in the file";
     assert_eq!(notes(0.0, [0, 1]), [expected]);

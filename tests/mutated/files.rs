@@ -337,7 +337,7 @@ fn glb_files() {
 }
 
 fn read_depth(path: &Path) -> bool {
-    DepthPicture::read(path, 0.001).is_ok_and(|depth| {
+    DepthPicture::read(path, 0.001, 1.0).is_ok_and(|depth| {
         assert_eq!(
             depth.values.len(),
             depth.width as usize * depth.height as usize

@@ -1,12 +1,14 @@
 //! Readers of image sets, one module per format.
 //!
 //! `text` and `json` parse numbers and fields with errors that name them; `text` also lists
-//! folders; `paths` finds files; `left_out` collects unusable frames; `mat5` reads variables of MATLAB files. `nerfstudio` also writes sets.
+//! folders; `paths` finds files; `left_out` collects unusable frames; `mat5` reads variables of
+//! MATLAB files. `nerfstudio` also writes sets; `depth_keys` reads its keys of depth.
 
 mod byte_reader;
 pub(crate) mod colmap;
 mod colmap_cameras;
 pub(crate) mod colmap_points;
+mod depth_keys;
 mod intrinsics;
 pub(crate) mod json;
 mod left_out;

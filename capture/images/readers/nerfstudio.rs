@@ -1,10 +1,11 @@
 //! Reader and writer of `transforms.json` of nerfstudio and NeRF.
 
+use super::depth_keys;
 use super::json::{self as fields, JsonObject};
 use super::left_out::LeftOut;
 use super::nerfstudio_lens::{KeyOwners, note_unknown_keys, read_lens};
-use crate::color_images::read_size;
-use crate::depth::{DepthPicture, DepthSource, write_depth_exr};
+use crate::color_images::read_camera_size;
+use crate::depth::{DepthPicture, write_depth_exr};
 use crate::lens::Lens;
 use crate::pose::Pose;
 use crate::rectify::{ImageLens, ViewList};
@@ -20,9 +21,6 @@ use serde_json::{Value, json};
 use std::fs::File;
 use std::io;
 use std::path::{Path, PathBuf};
-
-/// Default metres per step of integer depth images.
-const DEPTH_UNIT_M: f64 = 0.001;
 
 /// Axes and unit of poses.
 const FRAME: FileFrame = FileFrame {
@@ -50,6 +48,7 @@ pub(crate) fn open(file: &Path, allow_outside: bool) -> Result<ImageSet, ImagesE
     let (views, mut notes) = list.finish();
     notes.extend(left_out.finish()?);
     notes.extend(note_unknown_keys(&value));
+    notes.extend(depth_keys::note_unknown(&value));
     let folder = file.parent().unwrap_or(Path::new(""));
     Ok(ImageSet {
         frame: FRAME,
@@ -80,7 +79,8 @@ fn read_view(
     let size_px = if width_owner.has("w") && height_owner.has("h") {
         [width_owner.side("w")?, height_owner.side("h")?]
     } else {
-        read_size(&color)?
+        let [cx, cy] = ["cx", "cy"].map(|key| find_owner(key).number_or(key, f64::NAN));
+        read_camera_size(&color, [cx?, cy?])?
     };
     let lens = read_lens(&keys, size_px)?;
     let pose = Pose::from_opengl(view.matrix("transform_matrix")?)
@@ -92,28 +92,12 @@ fn read_view(
         let field = view.field_path(key);
         resolve(view.file, &field, view.text(key)?, allow_outside).map(Some)
     };
-    let depth = resolve_field("depth_file_path")?;
-    let unit = find_owner("depth_unit_scale_factor");
-    let unit_m = unit.number_or("depth_unit_scale_factor", DEPTH_UNIT_M)?;
-    if unit_m <= 0.0 {
-        return Err(unit.error(
-            "depth_unit_scale_factor",
-            "must be above 0: metres per step of depth",
-        ));
-    }
-    let depth = depth.map(|path| {
-        let unit_m = if crate::depth::extension(&path) == "exr" {
-            1.0
-        } else {
-            unit_m as f32
-        };
-        let kind = if lens == ImageLens::Direct(Lens::Equirectangular) {
-            DepthKind::RayDistance
-        } else {
-            DepthKind::EyeDepth
-        };
-        DepthSource::metres(path, kind, unit_m)
-    });
+    let kind = if lens == ImageLens::Direct(Lens::Equirectangular) {
+        DepthKind::RayDistance
+    } else {
+        DepthKind::EyeDepth
+    };
+    let depth = depth_keys::read(root, view, kind, allow_outside)?;
     let name = view.text("file_path")?.to_owned();
     let pose = pose.in_world(&FRAME);
     let view = View {

@@ -98,14 +98,16 @@ const HARMLESS: [&str; 46] = [
     "capture_time",
 ];
 
-/// Returns a note on the keys that are neither read nor known to be harmless.
+/// Returns a note on the keys that are neither read nor known to be harmless; keys of depth are not
+/// looked at.
 pub(super) fn note_unknown_keys(root: &Value) -> Option<String> {
     let frames = root["frames"].as_array();
     let objects = std::iter::once(root).chain(frames.into_iter().flatten());
     let mut unknown: BTreeMap<&str, usize> = BTreeMap::new();
     for (key, value) in objects.filter_map(Value::as_object).flatten() {
         let is_known = READ.contains(&key.as_str()) || HARMLESS.contains(&key.as_str());
-        if !is_known && !value.is_null() {
+        let is_depth = key.to_lowercase().contains("depth");
+        if !is_known && !is_depth && !value.is_null() {
             *unknown.entry(key).or_default() += 1;
         }
     }

@@ -3,8 +3,8 @@
 //! -Z.
 //!
 //! A panorama is `NAME.png` (or `.jpg`, `.exr`), twice as wide as high, with `NAME_depth.exr`
-//! (metres along the ray, as Blender writes for panoramas) or `NAME_depth.png` (16 bits,
-//! millimetres). Cube faces are `NAME_front`, `_back`, `_left`, `_right`, `_bottom`, `_top` (as
+//! (metres along the ray, as Blender writes for panoramas), `NAME_depth.png` (16 bits,
+//! millimetres), `.tif`, `.tiff` or `.npy`. Cube faces are `NAME_front`, `_back`, `_left`, `_right`, `_bottom`, `_top` (as
 //! Seurat's: front -Z, right +X, top +Y) with `NAME_front_depth` and so on, eye depth.
 
 use crate::color_images::read_size;
@@ -63,12 +63,7 @@ pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
                 return Err(ImagesError::invalid_picture(&color, cause));
             }
         };
-        let unit_m = if extension(&depth) == "exr" {
-            1.0
-        } else {
-            0.001
-        };
-        let depth = Some(DepthSource::metres(depth, kind, unit_m));
+        let depth = Some(DepthSource::assumed(depth, kind));
         let pose = Pose {
             eye: DVec3::ZERO,
             world_from_eye,
@@ -108,7 +103,7 @@ fn list_images(folder: &Path) -> Result<Vec<PathBuf>, ImagesError> {
 }
 
 fn find_depth_file(folder: &Path, stem: &str) -> Option<PathBuf> {
-    ["exr", "png"]
+    ["exr", "png", "tif", "tiff", "npy"]
         .into_iter()
         .map(|ending| folder.join(format!("{stem}_depth.{ending}")))
         .find(|path| path.is_file())

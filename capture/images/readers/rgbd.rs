@@ -4,7 +4,7 @@
 
 use super::intrinsics::{create_pinhole, pose_from_rows, read_intrinsics};
 use super::left_out::LeftOut;
-use crate::color_images::read_size;
+use crate::color_images::read_camera_size;
 use crate::depth::DepthSource;
 use crate::lens::Lens;
 use crate::readers::text;
@@ -12,9 +12,6 @@ use crate::view::View;
 use crate::{ImageSet, ImagesError};
 use headbox_core::depth_kind::DepthKind;
 use std::path::{Path, PathBuf};
-
-/// Metres per step of depth.
-const DEPTH_UNIT_M: f32 = 0.001;
 
 /// Camera of 7-Scenes, whose folders have no intrinsics: focal length and principal point, pixel
 /// centres at integers.
@@ -61,7 +58,8 @@ pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
             .find(|path| path.is_file());
         let color = color.unwrap_or_else(|| file("color.png"));
         let name = text::file_name(&color);
-        let frame = pose.and_then(|pose| Ok((pose, read_size(&color)?)));
+        let size_px = read_camera_size(&color, pinhole.principal_px);
+        let frame = pose.and_then(|pose| Ok((pose, size_px?)));
         let Some((pose, size_px)) = left_out.keep(&name, frame)? else {
             continue;
         };
@@ -69,7 +67,7 @@ pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
         if depth.is_none() {
             without_depth.push(text::file_name(&color));
         }
-        let depth = depth.map(|path| DepthSource::metres(path, DepthKind::EyeDepth, DEPTH_UNIT_M));
+        let depth = depth.map(|path| DepthSource::assumed(path, DepthKind::EyeDepth));
         views.push(View::new(name, size_px, lens, pose, color, depth));
     }
     notes.extend(left_out.finish()?);

@@ -79,17 +79,16 @@ fn read_view(view: &JsonObject, allow_outside: bool) -> Result<View, ImagesError
     };
     let rows = clip_from_eye.transpose();
     let depth_path = path(&depth)?;
-    let is_exr = crate::depth::extension(&depth_path) == "exr";
-    // Integer images store fractions of 1.
-    let unit_m = if is_exr { 1.0 } else { 1.0 / 65_535.0 };
     let source = DepthSource {
         channel: channel(&depth, "channel_0"),
-        is_share: !is_exr,
+        // Integer images store fractions of 1.
+        unit_m: 1.0 / 65_535.0,
+        is_share: true,
         window: Some([rows.z_axis.z, rows.z_axis.w]),
         // Window depth follows from the clip matrix instead; with reversed depth, infinitely far is
         // zero.
         zero_is_far: kind != DepthKind::WindowDepth,
-        ..DepthSource::metres(depth_path, kind, unit_m)
+        ..DepthSource::metres(depth_path, kind, 1.0)
     };
     let color_path = path(&color)?;
     let name = text::file_name(&color_path);

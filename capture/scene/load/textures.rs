@@ -29,6 +29,15 @@ pub(super) struct TextureUse {
     pub(super) sampler: Sampler,
 }
 
+impl From<Role> for TextureUse {
+    fn from(role: Role) -> Self {
+        Self {
+            role,
+            sampler: Sampler::default(),
+        }
+    }
+}
+
 /// Handle of a texture that was requested from a [`TextureTable`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Handle(usize);

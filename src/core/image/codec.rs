@@ -38,6 +38,11 @@ pub enum PictureError {
     /// EXR decoder error.
     #[error("not a readable EXR file: {0}")]
     Exr(#[source] exr::error::Error),
+    /// An intact EXR file that its decoder does not support.
+    #[error(
+        "an intact EXR file of a kind that is not read ({0}); save it as a flat file without subsampled channels"
+    )]
+    ExrKind(String),
     /// A file that its decoder cannot handle.
     #[error("malformed: {0}")]
     Malformed(String),
@@ -70,6 +75,7 @@ impl From<exr::error::Error> for PictureError {
     fn from(error: exr::error::Error) -> Self {
         match error {
             exr::error::Error::Io(error) => Self::Io(error),
+            exr::error::Error::NotSupported(kind) => Self::ExrKind(kind.into()),
             error => Self::Exr(error),
         }
     }

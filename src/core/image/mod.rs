@@ -1,8 +1,10 @@
-//! Images in memory: decoding and encoding, mip pyramids, bilinear samples, and the pixels that a
-//! triangle covers.
+//! Images in memory: decoding and encoding, channels of EXR by name, EXIF orientation, mip pyramids,
+//! bilinear samples, and the pixels that a triangle covers.
 
 pub mod codec;
+pub mod exr_channels;
 mod ktx2;
 pub mod mip;
+pub mod orientation;
 pub mod texels;
 pub mod triangle_scan;

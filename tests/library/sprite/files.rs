@@ -83,7 +83,7 @@ fn exported_depth_imports_unchanged() {
         .displacement(24, DisplacementFormat::I16),
     );
     original.export(&color, &depth).expect("written");
-    let picture = DepthPicture::read(&depth, 1.0).expect("read");
+    let picture = DepthPicture::read(&depth, 1.0, 1.0).expect("read");
     let import = DepthImport {
         color: image::open(&color).expect("read").to_rgba8(),
         camera: *original.sprite().camera(),
@@ -106,10 +106,10 @@ fn exported_depth_imports_unchanged() {
         .expect("two")
         .save(&grey)
         .expect("written");
-    let grey = DepthPicture::read(&grey, 0.001).expect("read");
+    let grey = DepthPicture::read(&grey, 0.001, 1.0).expect("read");
     assert!(grey.values[0].is_nan() && (grey.values[1] - 1.5).abs() < 1e-6);
     assert!(
-        DepthPicture::read(&color, 1.0).is_err(),
+        DepthPicture::read(&color, 1.0, 1.0).is_err(),
         "colour is not depth"
     );
 }

@@ -51,7 +51,7 @@ pub(super) fn load(
         .textures
         .iter()
         .filter(|_| mesh.has_texcoords())
-        .map(|name| table.file(name, &[folder_of(path)], Role::Color, &mut notes))
+        .map(|name| table.file(name, &[folder_of(path)], Role::Color.into(), &mut notes))
         .collect();
     if !header.textures.is_empty() && handles.is_empty() {
         notes.add(Note::TextureWithoutCoordinates, header.textures.len());
@@ -303,6 +303,8 @@ impl Mesh {
                 position: self.positions[index],
                 normal: self.normals.get(index).copied().unwrap_or(Vec3::ZERO),
                 texcoord: texcoords.copied().unwrap_or(Vec2::ZERO),
+                emission_texcoord: Vec2::ZERO,
+                opacity: 1.0,
                 color: color.map_or(Vec3::ONE, |color| {
                     Vec3::from(color.map(|c| linear_from_srgb(c as f32)))
                 }),

@@ -190,6 +190,8 @@ fn push_polygon(corners: &[DVec3], builder: &mut Builder) -> Result<(), TooManyV
             position,
             normal: Vec3::ZERO,
             texcoord: Vec2::ZERO,
+            emission_texcoord: Vec2::ZERO,
+            opacity: 1.0,
             color: Vec3::ONE,
         });
     }

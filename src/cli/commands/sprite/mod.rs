@@ -11,7 +11,7 @@ use crate::args::{
 use crate::commands::sprite::sequence::SequenceArgs;
 use crate::messages::UsageError;
 use crate::output::{
-    Outputs, SPRITES, has_extension, peak_rss_mb, print_damage, print_json, write_text,
+    Outputs, SPRITES, has_extension, peak_rss_mb, print_damage, print_json, print_notes, write_text,
 };
 use crate::progress::Bar;
 use anyhow::{Context, bail};
@@ -20,6 +20,7 @@ use glam::DVec3;
 use headbox_core::bounces::Bounces;
 use headbox_core::depth_kind::DepthKind;
 use headbox_core::image::codec;
+use headbox_core::image::orientation::{self, Orientation};
 use headbox_cube::model::parameters::CaptureParameters;
 use headbox_images::depth::DepthPicture;
 use headbox_lab::sprite_range::SpriteRange;
@@ -102,15 +103,16 @@ struct ImportArgs {
     /// Colour image (PNG and others) to make a sprite of; needs --depth and --depth-kind
     #[arg(long, value_name = "COLOR.png", requires_all = ["depth", "depth_kind"], conflicts_with = "scene")]
     color: Option<PathBuf>,
-    /// Depth image: EXR, or grey PNG of 8 or 16 bits where 0 means unknown
+    /// Depth image: EXR, TIFF, NPY, or grey PNG of 8 or 16 bits where 0 means unknown; of the
+    /// colour image's size or proportions
     #[arg(long, value_name = "DEPTH", requires = "color")]
     depth: Option<PathBuf>,
     /// Meaning of the depth values
     #[arg(long, requires = "color", value_parser = by_name(DEPTH_KINDS))]
     depth_kind: Option<DepthKind>,
-    /// Metres per stored depth value; 1 for EXR and 0.001 for PNG by default. Window depth: factor
-    /// that scales stored values to 0..1; 1 for EXR, 1/255 or 1/65535 for PNG of 8 or 16 bits by
-    /// default
+    /// Metres per stored depth value; 1 for floating-point numbers (EXR) and 0.001 for integers
+    /// (PNG) by default. Window depth: factor that scales stored values to 0..1; 1 for EXR, 1/255
+    /// or 1/65535 for PNG of 8 or 16 bits by default
     #[arg(long, value_name = "METRES", requires = "color", value_parser = parse_length)]
     depth_unit: Option<f64>,
     /// Near plane of window depth, metres
@@ -289,18 +291,15 @@ impl SpriteCommand {
         let color = color
             .with_context(|| format!("{} could not be read as an image", color_path.display()))?;
         print_damage(color_path, &color);
-        let color = color.image.to_rgba8();
-        let depth = DepthPicture::read(depth_path, self.import.unit(depth_path, kind))?;
+        let mut color = color.image;
+        let turn = orientation::read(color_path);
+        color.apply_orientation(turn);
+        let color = color.to_rgba8();
+        let [unit, float_unit] = self.import.units(depth_path, kind);
+        let depth = DepthPicture::read(depth_path, unit, float_unit)?;
         let size = color.dimensions();
-        if (depth.width, depth.height) != size {
-            let (a, b) = (color_path.display(), depth_path.display());
-            let (dw, dh) = (depth.width, depth.height);
-            bail!(
-                "{a} has {}x{} pixels, {b} {dw}x{dh}: bring both to one size",
-                size.0,
-                size.1
-            );
-        }
+        let (depth, notes) = fit_depth(depth, turn, [color_path, depth_path], size, kind)?;
+        print_notes(notes);
         if self.camera.size.is_some_and(|wanted| wanted != size) {
             bail_usage!(
                 "{} has {}x{} pixels; leave --size out",
@@ -392,10 +391,9 @@ impl SpriteQualityArgs {
 }
 
 impl ImportArgs {
-    /// Metres per unit of stored depth.
-    fn unit(&self, path: &Path, kind: DepthKind) -> f32 {
+    /// Metres per stored integer of depth, and per floating-point number.
+    fn units(&self, path: &Path, kind: DepthKind) -> [f32; 2] {
         let default = match kind {
-            _ if has_extension(path, "exr") => 1.0,
             // The maximum of an integer depth is 1, for any number of bits.
             DepthKind::WindowDepth | DepthKind::ReversedWindowDepth => {
                 match codec::bits_per_channel(path) {
@@ -405,7 +403,7 @@ impl ImportArgs {
             }
             DepthKind::EyeDepth | DepthKind::RayDistance => 1e-3,
         };
-        self.depth_unit.unwrap_or(default) as f32
+        [default, 1.0].map(|default| self.depth_unit.unwrap_or(default) as f32)
     }
 
     fn window_range(&self, kind: DepthKind) -> anyhow::Result<(f64, f64)> {
@@ -415,6 +413,51 @@ impl ImportArgs {
             (_, None) => bail_usage!("window depth needs --near METRES (and --far METRES)"),
         }
     }
+}
+
+/// Brings depth to the orientation and the size of an upright colour image; also returns notes on
+/// what was done.
+fn fit_depth(
+    depth: DepthPicture,
+    turn: Orientation,
+    [color_path, depth_path]: [&Path; 2],
+    (width, height): (u32, u32),
+    kind: DepthKind,
+) -> anyhow::Result<(DepthPicture, Vec<String>)> {
+    let [color_name, depth_name] = [color_path, depth_path].map(|path| path.display().to_string());
+    let mut notes = Vec::new();
+    let is_window = matches!(
+        kind,
+        DepthKind::WindowDepth | DepthKind::ReversedWindowDepth
+    );
+    let size = [width, height];
+    let mut fitted = depth.resampled(size, is_window);
+    if turn != Orientation::NoTransforms {
+        let is_turned = fitted.is_none() && orientation::swaps_sides(turn);
+        let with_it = if is_turned {
+            format!("{depth_name}, stored on its side, is turned with it")
+        } else {
+            format!("{depth_name} is taken to be upright")
+        };
+        notes.push(format!(
+            "{color_name} is turned upright by its EXIF orientation; {with_it}"
+        ));
+        if is_turned {
+            fitted = depth.turned(turn).resampled(size, is_window);
+        }
+    }
+    let [dw, dh] = [depth.width, depth.height];
+    let Some(fitted) = fitted else {
+        bail!(
+            "{color_name} has {width}x{height} pixels, {depth_name} {dw}x{dh}: bring both to one size, or to the same proportions"
+        );
+    };
+    if [dw, dh] != size && [dh, dw] != size {
+        notes.push(format!(
+            "{depth_name} has {dw}x{dh} pixels, {color_name} {width}x{height}: depth is interpolated"
+        ));
+    }
+    Ok((fitted, notes))
 }
 
 /// Writes `range.csv` and `range.svg`, and prints a summary.

@@ -1,5 +1,9 @@
 //! Consistency check of the views of a set.
 
+mod color_scales;
+
+use self::color_scales::ColorScales;
+use super::depth_evidence::best_factor;
 use super::view::{LoadedView, MAX_DEPTH_M, View};
 use super::{ImageSet, ImagesError};
 use crate::readers::text;
@@ -80,12 +84,15 @@ pub fn check_neighbors(
     let single = if pairs == 0 { views.first() } else { None };
     let mut last: Option<(usize, LoadedView)> = None;
     let mut unknown = Vec::new();
-    let mut add = |view: &LoadedView, name: &str| {
+    let mut outside = Vec::new();
+    let mut scales = ColorScales::default();
+    let mut add = |loaded: &LoadedView, view: &View| {
         let before = known;
-        add_depths(view, &mut depths, &mut known, &mut pixels);
+        add_depths(loaded, &mut depths, &mut known, &mut pixels);
         if known == before {
-            unknown.push(name.to_owned());
+            unknown.push(view.name.clone());
         }
+        outside.extend(describe_outside(loaded, view));
     };
     for i in chosen {
         let a = match last.take() {
@@ -93,12 +100,16 @@ pub fn check_neighbors(
             _ => load(views[i], on_view)?,
         };
         let b = load(views[i + 1], on_view)?;
-        add(&a, &views[i].name);
+        add(&a, views[i]);
+        scales.add(&a, &b);
         let residual = compare(&a, &b, &views[i].name, &views[i + 1].name);
         if residual.relative_depth > MAX_DIFFERENCE {
+            let factor = best_factor(&a, &b).map_or_else(String::new, |factor| {
+                format!("; they agree if depth is multiplied by the factor {factor:.3}")
+            });
             report.warnings.push(format!(
                 "{} and {} disagree: their depths of the same points differ by {:.0} %; check the poses, the unit of depth \
-                                 and its kind",
+                                 and its kind{factor}",
                 residual.from,
                 residual.to,
                 residual.relative_depth * 100.0
@@ -108,8 +119,15 @@ pub fn check_neighbors(
         last = Some((i + 1, b));
     }
     if let Some(view) = single {
-        add(&load(view, on_view)?, &view.name);
+        add(&load(view, on_view)?, view);
     }
+    if let Some(first) = outside.first() {
+        report.warnings.push(format!(
+            "depth of {} views contradicts their clip_from_eye_matrix: {first}; check depth_type and the unit of depth",
+            outside.len()
+        ));
+    }
+    report.warnings.extend(scales.describe());
     let unknown = text::abbreviate(&unknown);
     report.warnings.extend(
         unknown.map(|which| {
@@ -126,6 +144,40 @@ pub fn check_neighbors(
     }
     report.warnings.extend(warn_of_units(&views, &report));
     Ok(report)
+}
+
+/// Describes depth outside the range of the view's own clip matrix; `None` if it is inside, or
+/// without a matrix.
+fn describe_outside(loaded: &LoadedView, view: &View) -> Option<String> {
+    /// Share of the known depths that may lie outside.
+    const MAX_SHARE: f64 = 0.01;
+    let range = view.depth.as_ref()?.clip_range()?;
+    let [near, far] = range.map(|plane| plane * f64::from(view.depth_scale));
+    let mut known = 0u64;
+    let mut before = 0u64;
+    let mut behind = 0u64;
+    for_each_sampled(loaded, |x, y| {
+        if let Some(depth) = loaded.depth_at(x, y).map(f64::from) {
+            known += 1;
+            before += u64::from(depth < near * 0.999);
+            behind += u64::from(depth < f64::from(MAX_DEPTH_M) && depth > far * 1.001);
+        }
+    });
+    let share = |count: u64| count as f64 / known.max(1) as f64;
+    let describe = |count: u64, what: &str, plane: f64| {
+        let percent = share(count) * 100.0;
+        format!(
+            "{percent:.0} % of {} lies {what} plane of {plane:.3} m",
+            view.name
+        )
+    };
+    if share(before) > MAX_SHARE {
+        Some(describe(before, "before the near", near))
+    } else if share(behind) > MAX_SHARE {
+        Some(describe(behind, "behind the far", far))
+    } else {
+        None
+    }
 }
 
 /// Returns a warning if the units of poses and depth differ: with poses in millimetres and depth in
@@ -239,5 +291,111 @@ fn compare(a: &LoadedView, b: &LoadedView, from: &str, to: &str) -> Residual {
         overlap: seen as f64 / points.max(1) as f64,
         relative_depth: median(relative).unwrap_or(f64::NAN),
         color_levels: median(levels).unwrap_or(f64::NAN),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::ImageSetOptions;
+    use image::{ImageBuffer, Luma, RgbImage};
+    use serde_json::json;
+
+    /// Warnings about cameras that move sideways along a textured wall two metres away, whose
+    /// depth is given as `depth_m`.
+    fn check_wall(depth_m: f64) -> String {
+        let folder = tempfile::tempdir().expect("a folder");
+        let mut frames = Vec::new();
+        for i in 0..3u32 {
+            let eye = 0.2 * f64::from(i);
+            let color = |x: u32, y: u32| {
+                let [x, y] = [x, y].map(|at| (f64::from(at) - 31.5) / 40.0 * 2.0);
+                let level = |v: f64| (127.0 + 100.0 * v.sin()) as u8;
+                image::Rgb([level(8.0 * (x + eye)), level(9.0 * y), 0])
+            };
+            RgbImage::from_fn(64, 64, color)
+                .save(folder.path().join(format!("{i}.png")))
+                .expect("written");
+            frames.push(json!({
+                "file_path": format!("{i}.png"), "depth_file_path": "d.png",
+                "transform_matrix": [[1, 0, 0, eye], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]],
+            }));
+        }
+        let depth = Luma([(depth_m * 1000.0) as u16]);
+        ImageBuffer::<Luma<u16>, Vec<u16>>::from_pixel(64, 64, depth)
+            .save(folder.path().join("d.png"))
+            .expect("written");
+        let set = json!({"w": 64, "h": 64, "fl_x": 40, "frames": frames});
+        std::fs::write(folder.path().join("transforms.json"), set.to_string()).expect("written");
+        let set = ImageSet::open(folder.path(), &ImageSetOptions::default()).expect("opens");
+        let report = check(&set, 4, &mut |_| {}).expect("loads");
+        assert!(
+            report.residuals[0].relative_depth < 1e-6,
+            "depth alone agrees"
+        );
+        report.warnings.join("\n")
+    }
+
+    #[test]
+    fn colours_show_a_wrong_unit() {
+        assert_eq!(check_wall(2.0), "");
+        for (depth_m, factor) in [(10.0, "0.2"), (8.0, "0.25"), (0.5, "4.00")] {
+            let warnings = check_wall(depth_m);
+            assert!(
+                warnings.contains("colours of the same points"),
+                "{depth_m}: {warnings}"
+            );
+            assert!(
+                warnings.contains(&format!("factor {factor}")),
+                "{depth_m}: {warnings}"
+            );
+        }
+    }
+
+    #[test]
+    fn depth_outside_the_clip_range_named() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let save = |level: u16| {
+            ImageBuffer::<Luma<u16>, Vec<u16>>::from_pixel(16, 16, Luma([level]))
+                .save(folder.path().join("d.png"))
+                .expect("written");
+        };
+        RgbImage::new(16, 16)
+            .save(folder.path().join("c.png"))
+            .expect("written");
+        let warnings = |kind: &str, near: f64, far: f64, level: u16| {
+            save(level);
+            let (a, b) = (
+                -(far + near) / (far - near),
+                -2.0 * far * near / (far - near),
+            );
+            let view = json!({
+                "projective_camera": {
+                    "image_width": 16, "image_height": 16, "depth_type": kind,
+                    "clip_from_eye_matrix": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, a, b, 0, 0, -1, 0],
+                    "world_from_eye_matrix": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1],
+                },
+                "depth_image_file": {
+                    "color": {"path": "c.png", "channel_alpha": "CONSTANT_ONE"},
+                    "depth": {"path": "d.png", "channel_0": "R"},
+                },
+            });
+            let manifest = json!({"view_groups": [{"views": [view]}]});
+            std::fs::write(folder.path().join("manifest.json"), manifest.to_string())
+                .expect("written");
+            let set = ImageSet::open(folder.path(), &ImageSetOptions::default()).expect("opens");
+            check(&set, 4, &mut |_| {})
+                .expect("loads")
+                .warnings
+                .join("\n")
+        };
+        for kind in ["EYE_Z", "RAY_DEPTH"] {
+            assert!(
+                warnings(kind, 1.0, 100.0, 32_000).contains("before the near plane of 1.000 m")
+            );
+            assert!(warnings(kind, 0.01, 0.1, 32_000).contains("behind the far plane of 0.100 m"));
+            assert_eq!(warnings(kind, 0.1, 100.0, 32_000), "");
+        }
+        assert_eq!(warnings("WINDOW_Z", 1.0, 100.0, 32_000), "");
     }
 }
