@@ -117,7 +117,10 @@ pub(super) fn read_size(path: &Path) -> Result<[u32; 2], ImagesError> {
         let parts = ExrParts::read(path).map_err(|error| ImagesError::picture(path, error))?;
         return Ok(parts.first_size_px());
     }
-    let reader = image::ImageReader::open(path).map_err(|cause| ImagesError::io(path, cause))?;
+    // Files often have the extension of another format.
+    let reader = image::ImageReader::open(path)
+        .and_then(image::ImageReader::with_guessed_format)
+        .map_err(|cause| ImagesError::io(path, cause))?;
     let (width, height) = reader
         .into_dimensions()
         .map_err(|error| ImagesError::picture(path, error.into()))?;

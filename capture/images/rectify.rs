@@ -304,3 +304,117 @@ impl SourceCamera {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::camera_model::Polynomial;
+    use crate::depth::{DepthPicture, DepthSource, write_depth_exr};
+    use image::RgbaImage;
+    use std::path::PathBuf;
+
+    /// Colour of a direction in the eye space of the image: smooth and different everywhere.
+    fn color_of(direction: DVec3) -> [f64; 3] {
+        (direction * 100.0 + 128.0).to_array()
+    }
+
+    fn fisheye(focal: f64, size_px: [u32; 2]) -> CameraModel {
+        let none = Polynomial::of_angles(&[], [0.0; 2], [0.0; 4], false);
+        CameraModel {
+            focal_px: [focal; 2],
+            principal_px: size_px.map(|side| f64::from(side) / 2.0),
+            projection: Projection::Fisheye(none),
+        }
+    }
+
+    /// Writes an image of [`color_of`] with a depth of `distance` and returns its view.
+    fn write_view(folder: &std::path::Path, model: &CameraModel, size_px: [u32; 2]) -> View {
+        let [width, height] = size_px;
+        let mut picture = RgbaImage::new(width, height);
+        let mut values = Vec::new();
+        for (x, y, pixel) in picture.enumerate_pixels_mut() {
+            let ray = model.ray([f64::from(x) + 0.5, f64::from(y) + 0.5]);
+            let [r, g, b] = ray.map_or([0.0; 3], color_of).map(|c| c.round() as u8);
+            pixel.0 = [r, g, b, if ray.is_some() { 255 } else { 0 }];
+            values.push(if ray.is_some() { 3.0 } else { 0.0 });
+        }
+        let color = folder.join("0.png");
+        picture.save(&color).expect("written");
+        let path = folder.join("0.exr");
+        let depth = DepthPicture {
+            width,
+            height,
+            values,
+        };
+        write_depth_exr(&depth, &path).expect("written");
+        let pose = Pose {
+            eye: DVec3::new(1.0, 2.0, 3.0),
+            world_from_eye: DMat3::from_rotation_y(0.4),
+        };
+        let depth = DepthSource::metres(path, DepthKind::EyeDepth, 1.0);
+        let lens = Lens::Equirectangular;
+        View::new("0.png".into(), size_px, lens, pose, color, Some(depth))
+    }
+
+    fn rectified(focal: f64, size_px: [u32; 2]) -> (Vec<View>, Vec<String>, CameraModel) {
+        let folder = tempfile::tempdir().expect("a folder");
+        let model = fisheye(focal, size_px);
+        let mut list = ViewList::default();
+        let view = write_view(folder.path(), &model, size_px);
+        let pose = view.pose;
+        list.push(view, ImageLens::Resampled(model));
+        let (views, notes) = list.finish();
+        let mut pixels = 0;
+        for view in &views {
+            let loaded = view.load().expect("loads");
+            assert_eq!(loaded.size_px, view.size_px);
+            for (i, color) in loaded.color.iter().enumerate() {
+                if color[3] == 0 {
+                    continue;
+                }
+                pixels += 1;
+                let at = [i as u32 % view.size_px[0], i as u32 / view.size_px[0]];
+                let ray = view.lens.ray(at.map(|c| f64::from(c) + 0.5), view.size_px);
+                let world = view.pose.world_from_eye * ray.normalize();
+                let expected = color_of(pose.world_from_eye.transpose() * world);
+                for c in 0..3 {
+                    let error = (f64::from(color[c]) - expected[c]).abs();
+                    assert!(error < 4.0, "{} {at:?}: {color:?} {expected:?}", view.name);
+                }
+                if views.len() > 1 && loaded.depth[i].is_finite() {
+                    // The depth of an image that sees behind the eye is a distance.
+                    let distance = f64::from(loaded.depth[i]) * ray.length();
+                    assert!((distance - 3.0).abs() < 1e-5, "{distance}");
+                } else if loaded.depth[i].is_finite() {
+                    assert_eq!(loaded.depth[i], 3.0, "depth along the axis");
+                }
+            }
+        }
+        assert!(pixels > 1000, "{pixels}");
+        let paths: Vec<PathBuf> = views.iter().map(|view| view.color.clone()).collect();
+        assert!(paths.windows(2).all(|pair| pair[0] == pair[1]));
+        (views, notes, model)
+    }
+
+    #[test]
+    fn narrow_fisheye_becomes_one_view() {
+        let (views, _, model) = rectified(60.0, [96, 80]);
+        assert_eq!((views.len(), views[0].size_px), (1, [96, 80]));
+        // The middle of the left side stays the middle of the left side.
+        let ray = model.ray([0.0, 40.0]).expect("seen");
+        let [x, y, _] = views[0].lens.project(ray, [96, 80]).expect("in front");
+        assert!(x.abs() < 1e-9 && (y - 40.0).abs() < 1e-9, "{x} {y}");
+    }
+
+    #[test]
+    fn fisheye_of_200_degrees_becomes_cube_faces() {
+        // 48 px at 27.5 px a radian: 100 degrees to either side.
+        let (views, notes, _) = rectified(27.5, [96, 96]);
+        let names: Vec<&str> = views.iter().map(|view| view.name.as_str()).collect();
+        assert_eq!(names[..2], ["0.png", "0.png (left)"], "{names:?}");
+        assert!(
+            views.len() >= 5 && notes[0].contains("1 images"),
+            "{notes:?}"
+        );
+    }
+}

@@ -11,6 +11,8 @@ pub(crate) mod colmap_points;
 mod depth_keys;
 mod intrinsics;
 pub(crate) mod json;
+#[cfg(test)]
+mod layout_tests;
 mod left_out;
 mod mat5;
 pub(crate) mod metashape;
