@@ -1,7 +1,8 @@
 //! Leaks: rays that pass from one cell into another without crossing a portal.
 
+use super::box_tree::{BoxTree, crosses};
 use super::polygon::Polygon;
-use super::{Finding, PortalModel, distance_to_outline};
+use super::{CellIndex, Finding, PortalModel, distance_to_outline};
 use glam::{DVec2, DVec3};
 use headbox_trace::bvh::{Ray, Tracer};
 use headbox_trace::sampler::{random4, unit_float};
@@ -29,6 +30,16 @@ struct Stray {
     from: u32,
     into: u32,
     at: DVec3,
+}
+
+/// Search structures over what rays meet.
+struct Search<'a> {
+    tracer: &'a Tracer,
+    cells: CellIndex<'a>,
+    /// Polygon of each portal; none of one that is not planar and convex.
+    polygons: Vec<Option<Polygon<'a>>>,
+    /// Tree over the polygons, each grown by [`EDGE_M`].
+    portals: BoxTree,
 }
 
 impl PortalModel {
@@ -73,6 +84,16 @@ impl PortalModel {
                 polygon.filter(|_| portal.cells.iter().all(exists))
             })
             .collect();
+        let boxes = polygons.iter().enumerate().filter_map(|(index, polygon)| {
+            let polygon = polygon.as_ref()?;
+            Some((index, polygon.grown_bounds(EDGE_M)))
+        });
+        let search = Search {
+            tracer,
+            cells: self.cell_index(),
+            portals: BoxTree::new(boxes.collect()),
+            polygons,
+        };
         let cells: Vec<u32> = (0..self.cells.len() as u32)
             .filter(|&cell| !self.is_outside(cell))
             .collect();
@@ -83,8 +104,8 @@ impl PortalModel {
         let strays: Vec<Option<Stray>> = rays
             .par_iter()
             .map(|&(cell, ray)| {
-                let (origin, direction) = self.ray_from(cell, ray, seed)?;
-                self.follow(tracer, &polygons, cell, origin, direction)
+                let (origin, direction) = self.ray_from(&search.cells, cell, ray, seed)?;
+                self.follow(&search, cell, origin, direction)
             })
             .collect();
         let mut pairs: BTreeMap<(u32, u32), (usize, DVec3)> = BTreeMap::new();
@@ -99,7 +120,13 @@ impl PortalModel {
 
     /// Samples a point well inside a cell and a unit direction, both uniform; `None` if no attempt
     /// finds a point.
-    fn ray_from(&self, cell: u32, ray: u32, seed: u64) -> Option<(DVec3, DVec3)> {
+    fn ray_from(
+        &self,
+        cells: &CellIndex,
+        cell: u32,
+        ray: u32,
+        seed: u64,
+    ) -> Option<(DVec3, DVec3)> {
         let space = &self.cells[cell as usize].space;
         let key = (seed ^ (seed >> 32)) as u32;
         let point = (0..ATTEMPTS).find_map(|attempt| {
@@ -114,7 +141,7 @@ impl PortalModel {
                 low.y + (high.y - low.y) * random[2],
             );
             let clear = distance_to_outline(&prism.outline, DVec2::new(p.x, p.z)) >= FROM_BORDER_M;
-            (clear && self.cell_at(p) == Some(cell)).then_some(p)
+            (clear && cells.cell_at(p) == Some(cell)).then_some(p)
         })?;
         let [a, b, ..] = random4([key, cell, ray, ATTEMPTS]).map(|r| f64::from(unit_float(r)));
         let (y, azimuth) = (2.0 * a - 1.0, b * std::f64::consts::TAU);
@@ -125,27 +152,23 @@ impl PortalModel {
 
     /// Follows a ray from a cell through portals to its hit. Returns the ray if it ends in another
     /// cell than its portals lead to.
-    fn follow(
-        &self,
-        tracer: &Tracer,
-        polygons: &[Option<Polygon>],
-        cell: u32,
-        origin: DVec3,
-        direction: DVec3,
-    ) -> Option<Stray> {
+    fn follow(&self, search: &Search, cell: u32, origin: DVec3, direction: DVec3) -> Option<Stray> {
+        let tracer = search.tracer;
         let local = Ray::new((origin - tracer.origin()).as_vec3(), direction.as_vec3());
         let hit = tracer.closest(&local);
         let reach = hit.map_or(f64::INFINITY, |hit| f64::from(hit.t));
-        let mut crossings: Vec<(f64, usize)> = polygons
-            .iter()
-            .enumerate()
-            .filter_map(|(index, polygon)| {
-                Some((polygon.as_ref()?.hit(origin, direction, EDGE_M)?, index))
+        let near = search
+            .portals
+            .items(|bounds| crosses(bounds, origin, direction));
+        let mut crossings: Vec<(f64, usize)> = near
+            .filter_map(|index| {
+                let polygon = search.polygons[index].as_ref()?;
+                Some((polygon.hit(origin, direction, EDGE_M)?, index))
             })
             // A surface in a portal's plane closes it.
             .filter(|&(t, _)| t + EDGE_M < reach)
             .collect();
-        crossings.sort_by(|a, b| a.0.total_cmp(&b.0));
+        crossings.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         let mut current = cell;
         let last_crossing = crossings.last().map_or(0.0, |&(t, _)| t);
         for (_, portal) in crossings {
@@ -166,12 +189,9 @@ impl PortalModel {
         };
         // The tested position is not in front of the last portal that the ray crossed.
         let at = origin + direction * (reach - BEFORE_HIT_M).max((last_crossing + reach) / 2.0);
-        let reached = self.cell_at(at)?;
-        let owner = (0_u32..)
-            .zip(&self.cells)
-            .find(|(_, it)| it.triangles.contains(&hit.primitive))
-            .map(|(cell, _)| cell);
-        (reached != current && owner != Some(current)).then_some(Stray {
+        let reached = search.cells.cell_at(at)?;
+        let own = &self.cells[current as usize].triangles;
+        (reached != current && !own.contains(&hit.primitive)).then_some(Stray {
             from: current,
             into: reached,
             at,

@@ -8,6 +8,7 @@
 
 pub mod bake;
 mod borders;
+mod box_tree;
 mod check;
 mod coplanar;
 mod joins;
@@ -18,6 +19,7 @@ mod polygon;
 pub use check::{Finding, Flaw, Severity};
 pub use polygon::Shape;
 
+use box_tree::{BoxTree, bounds_of, contains};
 use glam::{DVec2, DVec3};
 use headbox_core::headbox::Headbox;
 use headbox_scene::scene::Scene;
@@ -134,6 +136,25 @@ impl PortalModel {
         inside.map_or(self.outside, |cell| u32::try_from(cell).ok())
     }
 
+    /// Builds the search structure of [`CellIndex`] over the cells' current spaces.
+    fn cell_index(&self) -> CellIndex<'_> {
+        let cells = (0_u32..).zip(&self.cells);
+        let prisms: Vec<(u32, &Prism)> = cells
+            .flat_map(|(cell, it)| it.space.iter().map(move |prism| (cell, prism)))
+            .collect();
+        let bounds = |prism: &Prism| {
+            let ends = [prism.floor_y, prism.ceiling_y];
+            let corners = prism.outline.iter();
+            bounds_of(corners.flat_map(|p| ends.map(|y| DVec3::new(p.x, y, p.y))))
+        };
+        let boxes = prisms.iter().map(|(_, prism)| bounds(prism)).enumerate();
+        CellIndex {
+            tree: BoxTree::new(boxes.collect()),
+            prisms,
+            outside: self.outside,
+        }
+    }
+
     /// Returns the portals of a cell, as (index of the portal, the cell behind it).
     pub fn portals_from(&self, cell: u32) -> impl Iterator<Item = (usize, u32)> + '_ {
         self.portals
@@ -144,6 +165,23 @@ impl PortalModel {
                 [a, b] if b == cell => Some((index, a)),
                 _ => None,
             })
+    }
+}
+
+/// Search structure for many calls of [`PortalModel::cell_at`].
+struct CellIndex<'a> {
+    tree: BoxTree,
+    /// All prisms with their cells, in the order of the model.
+    prisms: Vec<(u32, &'a Prism)>,
+    outside: Option<u32>,
+}
+
+impl CellIndex<'_> {
+    /// Returns what [`PortalModel::cell_at`] returns.
+    fn cell_at(&self, p: DVec3) -> Option<u32> {
+        let near = self.tree.items(|bounds| contains(bounds, p));
+        let inside = near.filter(|&prism| self.prisms[prism].1.contains(p)).min();
+        inside.map_or(self.outside, |prism| Some(self.prisms[prism].0))
     }
 }
 

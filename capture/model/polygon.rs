@@ -1,5 +1,6 @@
 //! Planar convex polygons in space.
 
+use super::box_tree::{Bounds, bounds_of};
 use glam::DVec3;
 
 /// Defect of a polygon that must be planar and convex.
@@ -105,6 +106,30 @@ impl<'a> Polygon<'a> {
             centroid,
             normal,
         })
+    }
+
+    /// Returns a box around the polygon grown by `margin` metres, as [`Self::hit`] grows it: at a
+    /// corner, the lines beside its edges meet farther away than that.
+    pub(crate) fn grown_bounds(&self, margin: f64) -> Bounds {
+        let mut corners = self.corners.to_vec();
+        corners.dedup(); // an edge without length grows nothing
+        while corners.len() > 1 && corners.first() == corners.last() {
+            corners.pop();
+        }
+        let count = corners.len();
+        let edge = |i: usize| (corners[(i + 1) % count] - corners[i % count]).normalize_or_zero();
+        // Corners may be off the plane, and points of rays are rounded.
+        let distances = corners.iter().map(|corner| corner.distance(self.centroid));
+        let off_plane = FLAT_M.max(FLAT_SHARE * distances.fold(0.0, f64::max));
+        let rounding = 1e-9 * self.centroid.abs().max_element();
+        let grown = (0..count).flat_map(|i| {
+            // The sine of half the turn at a corner is half the difference of its edges.
+            let sine = (edge(i) - edge(i + count - 1)).length() / 2.0;
+            let cosine = (1.0 - (sine * sine).min(1.0)).sqrt();
+            let reach = margin / cosine.max(1e-9) + off_plane + rounding;
+            [corners[i] - reach, corners[i] + reach]
+        });
+        bounds_of(grown)
     }
 
     /// Intersects a ray with the polygon grown by `margin` metres. Returns the ray parameter, if it

@@ -44,6 +44,23 @@ pub fn subdivide(scene: &mut Scene, edge_m: f64, max_triangles: usize) -> Option
     Some(firsts)
 }
 
+/// Returns a number of pieces that [`subdivide`] reaches at least.
+pub fn least_pieces(scene: &Scene, edge_m: f64) -> f64 {
+    /// Less than 1 by far more than the rounding error of lengths and areas.
+    const SLACK: f64 = 1.0 - 1e-6;
+    let of_triangle = |triangle: u32| {
+        let [a, b, c] = scene.corners(triangle);
+        let longest = a.distance(b).max(b.distance(c)).max(c.distance(a));
+        let area = (b - a).cross(c - a).length() / 2.0;
+        // Each part of the longest edge is in a piece of its own; no piece is larger than an
+        // equilateral triangle.
+        let by_edge = longest / edge_m;
+        let by_area = area / (3_f64.sqrt() / 4.0 * edge_m * edge_m);
+        (by_edge.max(by_area) * SLACK).max(1.0)
+    };
+    (0..scene.triangles.len() as u32).map(of_triangle).sum()
+}
+
 struct Cutter<'a> {
     scene: &'a mut Scene,
     edge_m: f64,
@@ -98,5 +115,35 @@ impl Cutter<'_> {
                 }
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DVec3;
+
+    #[test]
+    fn least_pieces_is_below_number_of_pieces() {
+        let triangle = |far: f64| Scene {
+            positions: vec![DVec3::ZERO, DVec3::new(2.0, 0.3, 0.0), DVec3::Y * far],
+            triangles: vec![Triangle {
+                vertices: [0, 1, 2],
+                material: 0,
+            }],
+            ..Scene::default()
+        };
+        for (far, edge_m) in [(1.0, 0.1), (50.0, 0.2), (1.0, 9.0), (3.0, f64::INFINITY)] {
+            let mut scene = triangle(far);
+            let least = least_pieces(&scene, edge_m);
+            subdivide(&mut scene, edge_m, 1_000_000).expect("few");
+            let pieces = scene.triangles.len() as f64;
+            assert!(
+                (pieces / 40.0..=pieces).contains(&least),
+                "{least} {pieces}"
+            );
+        }
+        // No attempt is needed to see that a far vertex exceeds any limit.
+        assert!(least_pieces(&triangle(2e8), 0.1) > 1e9);
     }
 }

@@ -22,7 +22,7 @@ use crate::{PortalModel, Prism, Side};
 use glam::{DVec2, DVec3};
 use headbox_core::bounces::Bounces;
 use headbox_scene::scene::{Scene, Sky};
-use headbox_scene::subdivide::subdivide;
+use headbox_scene::subdivide::{least_pieces, subdivide};
 use headbox_trace::bvh::Tracer;
 use headbox_trace::light::Lighting;
 use light::VertexLight;
@@ -246,6 +246,10 @@ fn subdivide_within_limit(source: &Scene, options: &BakeOptions) -> (Scene, Vec<
     } else {
         f64::INFINITY
     };
+    // One far vertex needs dozens of attempts, each as large as the limit.
+    while least_pieces(source, edge_m) > max_triangles as f64 {
+        edge_m *= COARSER;
+    }
     loop {
         let mut scene = source.clone();
         if let Some(pieces) = subdivide(&mut scene, edge_m, max_triangles) {
