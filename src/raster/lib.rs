@@ -18,6 +18,7 @@
 
 mod clip;
 mod cluster;
+mod coplanar;
 mod cull;
 mod mesh;
 mod mip;

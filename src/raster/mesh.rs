@@ -4,6 +4,7 @@
 use super::SurfaceId;
 use super::mip::MipTexture;
 use glam::{DVec3, Vec2, Vec3};
+use headbox_scene::coplanar::CoplanarTriangles;
 use headbox_scene::material::Material;
 use headbox_scene::scene::Scene;
 use headbox_trace::bvh::MAX_COORDINATE;
@@ -78,6 +79,7 @@ pub struct RasterMesh {
     pub(super) triangles: Vec<MeshTriangle>,
     pub(super) clusters: Vec<Cluster>,
     pub(super) groups: Vec<Range<u32>>,
+    pub(super) coplanar: CoplanarTriangles,
     /// For each texture of the scene.
     pub(super) textures: Vec<MipTexture>,
     /// For each material of the scene.
@@ -108,6 +110,7 @@ impl RasterMesh {
             textures: scene.textures.iter().map(MipTexture::new).collect(),
             materials: scene.materials.iter().map(MeshMaterial::new).collect(),
             origin,
+            coplanar: CoplanarTriangles::find(&scene),
             positions: Default::default(),
             vertices: Vec::new(),
             triangles: scene

@@ -61,6 +61,7 @@ impl PixelShader<'_> {
         colors: &mut [[u8; 4]],
         coverages: &mut [Coverage],
     ) {
+        self.resolve_coplanar(target);
         dispatch!(self.view.level, simd => {
             self.fill_background(simd, target, colors, coverages);
             self.shade_triangles(simd, target, colors);
