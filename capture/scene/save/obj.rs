@@ -1,8 +1,10 @@
-//! OBJ and MTL. Positions in `f64` have as many digits as an exact round trip needs.
+//! OBJ and MTL. Positions in `f64` have as many digits as an exact round trip needs. The format has
+//! neither mirrored nor uninterpolated textures, nor texture coordinates of emission, nor opacities
+//! of vertices, nor single-sided materials.
 
 use super::{SaveError, SavedFile, by_material, png, unique_names};
 use crate::load::file_stem;
-use crate::material::Material;
+use crate::material::{Material, Wrap};
 use crate::scene::Scene;
 use std::fmt::Write;
 use std::path::Path;
@@ -18,7 +20,16 @@ pub(super) fn files(scene: &Scene, path: &Path) -> Result<Vec<SavedFile>, SaveEr
         },
         SavedFile {
             path: path.with_file_name(&library),
-            bytes: materials(scene, &names, picture).into_bytes(),
+            bytes: materials(scene, &names, |index| {
+                let wrap = scene.textures[index as usize].sampler().wrap;
+                let clamp = if wrap == [Wrap::Clamp; 2] {
+                    "-clamp on "
+                } else {
+                    ""
+                };
+                format!("{clamp}{}", picture(index))
+            })
+            .into_bytes(),
         },
     ];
     for (index, texture) in scene.textures.iter().enumerate() {
