@@ -2,7 +2,7 @@
 
 mod colmap_map;
 mod npy;
-mod tiff;
+mod wide_tiff;
 
 use crate::ImagesError;
 use crate::depth::{DepthPicture, extension};
@@ -43,7 +43,7 @@ pub(crate) fn read(path: &Path, format: &DepthFormat) -> Result<DepthPicture, Im
         "exr" => read_exr(path, format.channel)?,
         "npy" => npy::read(path)?,
         "bin" => return colmap_map::read(path),
-        "tif" | "tiff" => match tiff::read_wide(path)? {
+        "tif" | "tiff" => match wide_tiff::read(path)? {
             Some(stored) => stored,
             None => read_picture(path, format)?,
         },
@@ -86,7 +86,7 @@ pub(crate) fn read_size(path: &Path) -> Result<Option<[u32; 2]>, ImagesError> {
     match extension(path).as_str() {
         "npy" => npy::read_size(path).map(Some),
         "bin" => Ok(None),
-        "tif" | "tiff" => tiff::read_size(path).map(Some),
+        "tif" | "tiff" => wide_tiff::read_size(path).map(Some),
         _ => crate::color_images::read_size(path).map(Some),
     }
 }

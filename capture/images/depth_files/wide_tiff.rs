@@ -17,7 +17,7 @@ const MAX_COMPRESSION: u64 = 4096;
 
 /// Reads a grey file of more than 16 bits, or of 16-bit floating-point numbers; `None` if it is of
 /// another kind.
-pub(super) fn read_wide(path: &Path) -> Result<Option<StoredDepth>, ImagesError> {
+pub(super) fn read(path: &Path) -> Result<Option<StoredDepth>, ImagesError> {
     let bad = |cause: String| ImagesError::invalid_picture(path, cause);
     let failed = |error: TiffError| match error {
         TiffError::IoError(cause) => ImagesError::io(path, cause),
