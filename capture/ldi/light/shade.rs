@@ -383,7 +383,7 @@ mod tests {
     #[test]
     fn grid_has_a_point_for_each_texel() {
         use glam::Vec2;
-        use headbox_scene::material::Material;
+        use headbox_scene::material::{Material, Texture};
         use headbox_scene::scene::{Scene, Triangle};
         // Two metres at 2 m: 64 pixels of the face; the texture runs along them, across more
         // slowly.
@@ -408,7 +408,7 @@ mod tests {
                 Vec3::new(-1.0, -1.0, -2.0),
             ];
             PixelOnTriangle::new(Face::NegZ, [40, 40], 128, triangle)
-                .grid(&scene.paint(0), &scene.textures[0])
+                .grid(|weights| scene.paint(0).texel_at(&scene.textures[0], weights))
         };
         assert_eq!(
             [48, 96, 150, 400].map(grid),
@@ -425,7 +425,8 @@ mod tests {
         };
         let texture = Texture::from_fn(4, 4, |_, _| [255; 4]);
         assert_eq!(
-            PixelOnTriangle::new(Face::NegZ, [0, 0], 8, edge_on).grid(&flat.paint(0), &texture),
+            PixelOnTriangle::new(Face::NegZ, [0, 0], 8, edge_on)
+                .grid(|weights| flat.paint(0).texel_at(&texture, weights)),
             [1, 1],
             "NaN"
         );
@@ -434,7 +435,7 @@ mod tests {
     #[test]
     fn emission_is_the_mean_of_its_texture() {
         use glam::{Vec2, dvec3};
-        use headbox_scene::material::Material;
+        use headbox_scene::material::{Material, Texture};
         use headbox_scene::scene::{Scene, Triangle};
         use headbox_trace::sampler::random4;
         // A wall of four metres at 2 m whose texels emit or not, at random, some thirty to a pixel.
