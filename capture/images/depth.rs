@@ -449,8 +449,8 @@ mod tests {
 
     #[test]
     fn resampled_depth_is_exact_on_planes() {
-        // Inverse depth is linear: 0.2 + 0.01 x + 0.02 y at the pixels of the small picture.
-        let small = |x: u32, y: u32| 1.0 / (0.2 + 0.01 * x as f32 + 0.02 * y as f32);
+        // Inverse depth is linear: 0.2 + 0.004 x + 0.008 y at the pixels of the small picture.
+        let small = |x: u32, y: u32| 1.0 / (0.2 + 0.004 * x as f32 + 0.008 * y as f32);
         let pixels = |width: u32, height: u32| {
             (0..height).flat_map(move |y| (0..width).map(move |x| (x, y)))
         };
@@ -463,7 +463,7 @@ mod tests {
         for ((x, y), value) in pixels(32, 24).zip(&large.values) {
             let [u, v] = [x, y].map(|at| (f64::from(at) + 0.5) / 4.0 - 0.5);
             if (0.0..=7.0).contains(&u) && (0.0..=5.0).contains(&v) {
-                let expected = 1.0 / (0.2 + 0.01 * u + 0.02 * v);
+                let expected = 1.0 / (0.2 + 0.004 * u + 0.008 * v);
                 assert!((f64::from(*value) - expected).abs() < 1e-5, "{x} {y}");
             }
         }

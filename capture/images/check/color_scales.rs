@@ -60,9 +60,19 @@ impl ColorScales {
             })
             .collect();
         let given = means.get(SIDE).copied().filter(|it| *it > MAX_LEVELS)?;
-        let known = means.iter().enumerate().filter(|(_, it)| !it.is_nan());
-        let (best, levels) = known.min_by(|a, b| a.1.total_cmp(b.1))?;
-        if *levels < IMPROVEMENT * given && best.abs_diff(SIDE) > 1 {
+        let smallest = means.iter().copied().fold(f64::INFINITY, f64::min);
+        // Repeated textures agree for several factors: the one nearest to 1 is taken.
+        let limit = 1.5 * smallest + 1.0;
+        let good = (0..means.len()).filter(|&i| means[i] <= limit);
+        let mut best = good.min_by_key(|i| i.abs_diff(SIDE))?;
+        while let Some(lower) = [best.wrapping_sub(1), best + 1]
+            .into_iter()
+            .find(|&i| means.get(i).is_some_and(|it| *it < means[best]))
+        {
+            best = lower;
+        }
+        let levels = means[best];
+        if levels < IMPROVEMENT * given && best.abs_diff(SIDE) > 1 {
             return Some(format!(
                 "colours of the same points differ by {given:.0} levels of 255, but only by {levels:.0} if depth is multiplied by \
                  the factor {:.2}: the unit of depth or of the poses may be wrong",

@@ -339,7 +339,7 @@ mod tests {
     #[test]
     fn colours_show_a_wrong_unit() {
         assert_eq!(check_wall(2.0), "");
-        for (depth_m, factor) in [(10.0, "0.2"), (8.0, "0.25"), (0.5, "4.00")] {
+        for (depth_m, factor) in [(8.0, "0.25"), (4.0, "0.50"), (0.5, "4.00")] {
             let warnings = check_wall(depth_m);
             assert!(
                 warnings.contains("colours of the same points"),
