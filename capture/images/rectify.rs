@@ -245,15 +245,11 @@ fn cube_faces(model: &CameraModel, rays: &[DVec3]) -> Vec<Face> {
 }
 
 impl SourceCamera {
-    /// Resamples an image into a view: colour bilinearly, depth by the nearest pixel. `kind` is the
-    /// kind of `image`'s depth, in metres.
-    pub(super) fn rectified(
-        &self,
-        image: &LoadedView,
-        lens: Lens,
-        size_px: [u32; 2],
-        kind: Option<DepthKind>,
-    ) -> LoadedView {
+    /// Resamples an image into a view: colour bilinearly, depth by the nearest pixel. The depth of
+    /// `image` is of the kind of the view's depth, in metres.
+    pub(super) fn rectified(&self, image: &LoadedView, view: &View) -> LoadedView {
+        let (size_px, lens) = (view.size_px, view.lens);
+        let kind = view.depth.as_ref().map(|depth| depth.kind);
         let [width, height] = size_px.map(|side| side as usize);
         let source_width = self.size_px[0] as usize;
         let pixel = |i: usize| {

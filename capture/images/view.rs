@@ -131,10 +131,7 @@ impl View {
             depth: distorted,
         };
         let mut ideal = match &self.source {
-            Some(source) => {
-                let kind = self.depth.as_ref().map(|depth| depth.kind);
-                source.rectified(&distorted_view, self.lens, self.size_px, kind)
-            }
+            Some(source) => source.rectified(&distorted_view, self),
             None => distorted_view.undistorted(),
         };
         if let Some(depth) = estimated {

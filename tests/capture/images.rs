@@ -491,11 +491,13 @@ fn errors_name_file_and_field() {
             .expect("written");
     });
     assert!(eight_bits.contains("8 bits"), "{eight_bits}");
-    let pose =
-        load(&|folder| fs::write(folder.join("frame-000001.pose.txt"), "1 2 3").expect("written"));
+    let folder = tempfile::tempdir().expect("a folder");
+    rgbd(folder.path());
+    fs::write(folder.path().join("frame-000001.pose.txt"), "1 2 3").expect("written");
+    let notes = open(folder.path()).expect("opens").notes.join("\n");
     assert!(
-        pose.contains("frame-000001.pose.txt") && pose.contains("16 finite numbers"),
-        "{pose}"
+        notes.contains("left out 1 of ") && notes.contains("frame-000001.pose.txt"),
+        "{notes}"
     );
     let nothing = open(tempfile::tempdir().expect("a folder").path())
         .expect_err("nothing there")

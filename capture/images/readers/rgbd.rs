@@ -58,11 +58,10 @@ pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
             .find(|path| path.is_file());
         let color = color.unwrap_or_else(|| file("color.png"));
         let name = text::file_name(&color);
-        let size_px = read_camera_size(&color, pinhole.principal_px);
-        let frame = pose.and_then(|pose| Ok((pose, size_px?)));
-        let Some((pose, size_px)) = left_out.keep(&name, frame)? else {
+        let Some(pose) = left_out.keep(&text::file_name(&pose_file), pose)? else {
             continue;
         };
+        let size_px = read_camera_size(&color, pinhole.principal_px)?;
         let depth = Some(file("depth.png")).filter(|path| path.is_file());
         if depth.is_none() {
             without_depth.push(text::file_name(&color));
