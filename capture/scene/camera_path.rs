@@ -412,7 +412,7 @@ mod tests {
     #[test]
     fn gltf_without_path_is_rejected() {
         let message = |text: &str| read_gltf(text, 30.0).err().unwrap().to_string();
-        assert!(message(r#"{"asset": {"version": "2.0"}}"#).contains("no perspective camera"));
+        assert!(message(r#"{"asset": {"version": "2.0"}}"#).contains("it has no camera"));
         assert!(
             message(&arm("LINEAR").replace(
                 "\"count\": 2, \"type\": \"VEC4\"",

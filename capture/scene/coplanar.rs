@@ -40,17 +40,31 @@ pub struct CoplanarTriangles {
 
 impl CoplanarTriangles {
     /// Finds the overlapping triangles of a scene. The result does not depend on the number of
-    /// threads.
+    /// threads. Triangles with absent or infinite corners overlap none.
     pub fn find(scene: &Scene) -> Self {
-        let [low, high] = scene.bounds();
+        let is_valid = |primitive: &u32| {
+            let vertices = scene.triangles[*primitive as usize].vertices;
+            let positions = vertices.map(|vertex| scene.positions.get(vertex as usize));
+            positions.iter().all(|p| p.is_some_and(|p| p.is_finite()))
+        };
+        let count = scene.triangles.len().min(u32::MAX as usize) as u32;
+        let [low, high] = (0..count)
+            .into_par_iter()
+            .filter(is_valid)
+            .flat_map_iter(|primitive| scene.corners(primitive))
+            .map(|corner| [corner, corner])
+            .reduce(
+                || [DVec3::INFINITY, DVec3::NEG_INFINITY],
+                |a, b| [a[0].min(b[0]), a[1].max(b[1])],
+            );
         let planes = Planes {
             scene,
             middle: (low + high) / 2.0,
             offset_cell: (high - low).max_element().max(f64::MIN_POSITIVE) * OFFSET_CELL_SHARE,
         };
-        let count = scene.triangles.len().min(u32::MAX as usize) as u32;
         let mut keys: Vec<(u64, u32)> = (0..count)
             .into_par_iter()
+            .filter(is_valid)
             .fold(Vec::new, |mut keys, primitive| {
                 planes.push_keys(primitive, &mut keys);
                 keys

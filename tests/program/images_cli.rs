@@ -721,13 +721,13 @@ fn picture_defects_are_reported() {
             .map(|i| folder.join(format!("room/frame-{i:06}.depth.png")))
             .collect()
     };
-    let black = |size: u32| ImageBuffer::<Luma<u16>, Vec<u16>>::new(size, SIZE[1] * size / SIZE[0]);
+    let black = |height: u32| ImageBuffer::<Luma<u16>, Vec<u16>>::new(SIZE[0], height);
     type Case<'a> = (&'a str, &'a dyn Fn(&Path));
     let cases: [Case; 5] = [
         (
-            "frame-000001.depth.png: is 48x36 pixels, but its image is 96x72",
+            "frame-000001.depth.png: is 96x36 pixels, but its image is 96x72",
             &|dir| {
-                black(SIZE[0] / 2).save(&depths(dir)[1]).unwrap();
+                black(SIZE[1] / 2).save(&depths(dir)[1]).unwrap();
             },
         ),
         ("frame-000001.depth.png: has depth in 8 bits", &|dir| {
@@ -745,7 +745,7 @@ fn picture_defects_are_reported() {
         ("room: no image has depth", &|dir| {
             depths(dir)
                 .iter()
-                .for_each(|file| black(SIZE[0]).save(file).unwrap());
+                .for_each(|file| black(SIZE[1]).save(file).unwrap());
         }),
         ("frame-000001.color.png: cannot be read", &|dir| {
             std::fs::remove_file(dir.join("room/frame-000001.color.png")).unwrap();
@@ -765,7 +765,7 @@ fn picture_defects_are_reported() {
     }
     let dir = tempfile::tempdir().unwrap();
     room(dir.path(), DEPTH_FOCAL);
-    black(SIZE[0]).save(&depths(dir.path())[1]).unwrap();
+    black(SIZE[1]).save(&depths(dir.path())[1]).unwrap();
     std::fs::remove_file(&depths(dir.path())[7]).unwrap();
     for ending in ["color.png", "depth.png", "pose.txt"] {
         let [from, to] = [0, 9].map(|i| dir.path().join(format!("room/frame-{i:06}.{ending}")));

@@ -469,7 +469,7 @@ mod tests {
         assert_eq!(place.headbox.half_size_m, 0.25);
         assert_eq!(place.warning, None);
         let in_the_wall = CaptureOptions {
-            centre: Some(DVec3::new(0.0, -20.0, 0.0)),
+            centre: Some(DVec3::new(0.0, -1.0, 0.0)),
             ..options
         };
         let (_capture, place) = start_small(&source, &in_the_wall);
