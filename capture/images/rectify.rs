@@ -275,7 +275,8 @@ impl SourceCamera {
         let mut color = vec![[0; 4]; width * height];
         let has_depth = !image.depth.is_empty();
         let mut depth = vec![f32::NAN; if has_depth { width * height } else { 0 }];
-        let known: Vec<Vec<Option<([u8; 4], f32)>>> = (0..height.div_ceil(ROWS))
+        type Known = Option<([u8; 4], f32)>;
+        let known: Vec<Vec<Known>> = (0..height.div_ceil(ROWS))
             .into_par_iter()
             .map(|task| {
                 let first = task * ROWS * width;

@@ -374,7 +374,7 @@ fn parse_image_line(line: &str) -> Option<ImageLine<'_>> {
     let is_number = |word: &str| word.parse::<f64>().is_ok();
     // Points at whole pixels look like an image whose name consists of numbers.
     let words = rest.split_whitespace().count();
-    let is_points = words % 3 == 0 && rest.split_whitespace().all(is_number);
+    let is_points = words.is_multiple_of(3) && rest.split_whitespace().all(is_number);
     (!rest.is_empty() && !is_points).then_some((numbers, camera, rest))
 }
 

@@ -323,7 +323,8 @@ fn is_unit_square(path: &str) -> bool {
         };
         let off_corner = (at - at.round().clamp(DVec2::ZERO, DVec2::ONE)).abs();
         // Also true for NaN.
-        if !(off_corner.max_element() < SHAPE_ROUNDING) {
+        let is_at_corner = off_corner.max_element() < SHAPE_ROUNDING;
+        if !is_at_corner {
             return false;
         }
         rest = &after[end..];

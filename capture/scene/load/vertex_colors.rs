@@ -95,7 +95,7 @@ impl VertexColors {
                 .count();
             notes.add_to(Note::VertexColorScaled, count, format!("{white}"));
         }
-        let is_outside = |c: f64| c < -ROUNDING || c > 1.0 + ROUNDING;
+        let is_outside = |c: f64| (c - 0.5).abs() > 0.5 + ROUNDING;
         let limited = self
             .colors
             .iter()

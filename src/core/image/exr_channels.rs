@@ -14,6 +14,9 @@ use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
 
+/// Gets the position of a channel, the column and the row of the first sample, and the samples.
+pub type RowVisitor<'a> = dyn FnMut(usize, [usize; 2], &[f32]) + 'a;
+
 /// Number of pixels from which decoding one image on several threads is worth it; smaller images
 /// are decoded in parallel with each other.
 const PARALLEL_PIXELS: usize = 1 << 22;
@@ -245,7 +248,7 @@ impl ExrParts {
         &self,
         path: &Path,
         channels: &[ExrChannel],
-        on_row: &mut dyn FnMut(usize, [usize; 2], &[f32]),
+        on_row: &mut RowVisitor,
     ) -> Result<(), PictureError> {
         let Some(first) = channels.first() else {
             return Ok(());

@@ -122,7 +122,7 @@ fn attributes(bytes: &[u8], count: usize, stride: usize) -> Option<Vec<u8>> {
     };
     let mut data = body.get(..body.len().checked_sub(tail.max(padded_tail))?)?;
     let (baseline, modes) = body[body.len() - tail..].split_at(stride);
-    let block = (8192 / stride & !(GROUP - 1)).min(256);
+    let block = ((8192 / stride) & !(GROUP - 1)).min(256);
     // Least size of the blocks: two bits for each byte position of a group, or in version 1 two
     // bits for each byte position of a block. What is allocated follows the size of the file.
     let least = match is_version_1 {
