@@ -489,7 +489,7 @@ mod tests {
             assert!(is_unit_square(path), "{path}");
         }
         for path in [
-            "M0.5,0 L1,1 L0,1 z",
+            "M0.5,0 L 1,1 L 0,1 z",
             "M0,0.5 C 0,0 1,0 1,0.5 z",
             "M0,0 a1 1 0 0 1 1 1",
             "M0,0 v2",
