@@ -8,6 +8,7 @@
 use crate::depth::{DepthSource, has_proportions};
 use crate::depth_files;
 use crate::lens::Lens;
+use crate::seen_points::{SeenPoints, sampled_pixels, sampling_step};
 use crate::view::{LoadedView, MAX_DEPTH_M, View};
 use crate::{ImageSet, ImagesError};
 use headbox_core::depth_kind::DepthKind;
@@ -79,13 +80,13 @@ pub(crate) fn examine(set: &mut ImageSet) {
     let factor = factor.flatten();
     if is_ray {
         set.notes.push(format!(
-            "depth is taken as the distance along the ray, not along the viewing axis: only so are planes flat and neighbours \
-             consistent ({all} views)"
+            "depth is taken as the distance along the ray, not along the viewing axis: planes are flat and neighbouring views \
+             agree only then ({all} views)"
         ));
     }
     if let Some(factor) = factor {
         set.notes.push(format!(
-            "depth is multiplied by the factor {factor:.4}: no file states its unit, and only so do neighbours agree; {} \
+            "depth is multiplied by the factor {factor:.4}: no file states its unit, and neighbouring views agree only then; {} \
              ({all} views)",
             describe_unit(&source, factor)
         ));
@@ -241,7 +242,7 @@ fn flat_shares(view: &LoadedView) -> Option<[f64; 2]> {
     let is_cut = at_largest * 50 > view.depth.len();
     let mut count = 0usize;
     let mut flat = [0usize; 2];
-    for_each_sampled(view.size_px, |x, y| {
+    for [x, y] in sampled_pixels(view.size_px, sampling_step(view.size_px, SAMPLES)) {
         for [dx, dy] in [[reach, 0], [0, reach]] {
             if x < dx || y < dy || x + dx >= width || y + dy >= height {
                 continue;
@@ -270,7 +271,7 @@ fn flat_shares(view: &LoadedView) -> Option<[f64; 2]> {
                 *flat += usize::from(bend(values).abs() < IMPROVEMENT * difference);
             }
         }
-    });
+    }
     (count >= MIN_COUNT).then(|| flat.map(|flat| flat as f64 / count as f64))
 }
 
@@ -338,41 +339,10 @@ fn disagreement(pairs: &[Vec<LoadedView>], factor: f64) -> Option<f64> {
 /// Compares the points of `a` with the depth of `b`, both multiplied by `factor`. Returns the
 /// median of |actual depth / expected depth - 1|, and the fraction of the points that `b` sees.
 fn compare(a: &LoadedView, b: &LoadedView, factor: f64) -> Option<(f64, f64)> {
-    let mut differences = Vec::new();
-    let mut points = 0usize;
-    for_each_sampled(a.size_px, |x, y| {
-        let Some(depth) = a.depth_at(x, y).filter(|depth| *depth < MAX_DEPTH_M) else {
-            return;
-        };
-        points += 1;
-        let ray = a
-            .lens
-            .ray([f64::from(x) + 0.5, f64::from(y) + 0.5], a.size_px);
-        let point = a.pose.to_world(ray * f64::from(depth) * factor);
-        let Some([bx, by, expected]) = b.lens.project(b.pose.to_eye(point), b.size_px) else {
-            return;
-        };
-        if !(bx >= 0.0 && by >= 0.0 && bx < f64::from(b.size_px[0]) && by < f64::from(b.size_px[1]))
-        {
-            return;
-        }
-        let actual = b.depth_at(bx as u32, by as u32);
-        let Some(actual) = actual.filter(|depth| *depth < MAX_DEPTH_M) else {
-            return;
-        };
-        differences.push((f64::from(actual) * factor / expected - 1.0).abs());
-    });
-    let overlap = differences.len() as f64 / points.max(1) as f64;
-    Some((median(differences)?, overlap))
-}
-
-fn for_each_sampled([width, height]: [u32; 2], mut visit: impl FnMut(u32, u32)) {
-    let step = [width, height].map(|side| side.div_ceil(SAMPLES).max(1));
-    for y in (step[1] / 2..height).step_by(step[1] as usize) {
-        for x in (step[0] / 2..width).step_by(step[0] as usize) {
-            visit(x, y);
-        }
-    }
+    let points = SeenPoints::new(a, b, sampling_step(a.size_px, SAMPLES), factor, false);
+    let differences = points.seen.iter();
+    let differences = differences.map(|point| (point.depth_ratio - 1.0).abs());
+    Some((median(differences)?, points.overlap()))
 }
 
 #[cfg(test)]

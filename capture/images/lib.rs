@@ -47,6 +47,7 @@ mod readers;
 mod rectify;
 mod refine;
 mod register;
+mod seen_points;
 pub mod traced_view;
 mod view;
 mod view_files;

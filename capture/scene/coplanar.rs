@@ -8,6 +8,7 @@
 use crate::scene::Scene;
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
+use std::cmp::Reverse;
 
 /// Largest distance of triangles in one plane, relative to the distance of their corners from the
 /// middle of the scene: a few steps of `f32`.
@@ -27,15 +28,29 @@ const MAX_DEPTH: usize = 40;
 /// Maximum number of triangles that are stored for each triangle: the last ones in the file.
 const MAX_PARTNERS: usize = 64;
 
+/// A triangle that a ray may meet instead of another one in its plane.
+#[derive(Clone, Copy, Debug)]
+struct Partner {
+    primitive: u32,
+    /// True if it faces the other way.
+    is_opposite: bool,
+    /// Bounding box, a little larger than the triangle: a fast test.
+    low: DVec3,
+    high: DVec3,
+}
+
 /// Triangles of a scene that overlap others in one plane. Triangles with the same material and
 /// orientation count only where a third triangle differs.
 #[derive(Debug, Default)]
 pub struct CoplanarTriangles {
-    /// Overlapping triangles, sorted, each with the end of its run in `partners`.
+    /// Triangles that others may replace, sorted, each with the end of its run in `partners`.
     runs: Vec<(u32, u32)>,
-    partners: Vec<u32>,
-    /// Bit set of the overlapping triangles: a fast test at every hit, nearly always false.
+    /// Those that face the same way and are later in the file, then all that face the other way;
+    /// of each the last one in the file first.
+    partners: Vec<Partner>,
+    /// Bit set of the triangles in `runs`: a fast test at every hit, nearly always false.
     shared: Vec<u64>,
+    conflicts: usize,
 }
 
 impl CoplanarTriangles {
@@ -78,9 +93,23 @@ impl CoplanarTriangles {
             .chunk_by(|a, b| a.0 == b.0)
             .filter(|group| group.len() > 1)
             .collect();
-        let mut pairs: Vec<[u32; 2]> = groups
+        let overlaps: Vec<Overlap> = groups
             .par_iter()
             .flat_map_iter(|group| planes.overlaps(group))
+            .collect();
+        let mut conflicts: Vec<u32> = overlaps
+            .iter()
+            .filter(|overlap| overlap.has_other_material)
+            .map(|overlap| overlap.primitive)
+            .collect();
+        conflicts.par_sort_unstable();
+        conflicts.dedup();
+        let mut pairs: Vec<(u32, bool, Reverse<u32>)> = overlaps
+            .iter()
+            .filter_map(|overlap| {
+                let (is_opposite, partner) = overlap.partner?;
+                Some((overlap.primitive, is_opposite, Reverse(partner)))
+            })
             .collect();
         pairs.par_sort_unstable();
         pairs.dedup();
@@ -90,47 +119,49 @@ impl CoplanarTriangles {
             } else {
                 vec![0; scene.triangles.len().div_ceil(64)]
             },
+            conflicts: conflicts.len(),
             ..Self::default()
         };
-        for run in pairs.chunk_by(|a, b| a[0] == b[0]) {
-            let primitive = run[0][0];
-            let last = run.len().saturating_sub(MAX_PARTNERS);
-            found
-                .partners
-                .extend(run[last..].iter().map(|pair| pair[1]));
+        for run in pairs.chunk_by(|a, b| a.0 == b.0) {
+            let primitive = run[0].0;
+            for side in run.chunk_by(|a, b| a.1 == b.1) {
+                let first = found.partners.len();
+                for &(_, is_opposite, Reverse(partner)) in side {
+                    let nearer = &found.partners[first..];
+                    if nearer.len() < MAX_PARTNERS
+                        && !nearer
+                            .iter()
+                            .any(|nearer| hides_copy(scene, nearer.primitive, partner))
+                    {
+                        found.partners.push(planes.partner(partner, is_opposite));
+                    }
+                }
+            }
             found.runs.push((primitive, found.partners.len() as u32));
             found.shared[primitive as usize / 64] |= 1 << (primitive % 64);
         }
         found
     }
 
-    /// Returns true if no triangles overlap.
+    /// Returns true if no triangle replaces another.
     pub fn is_empty(&self) -> bool {
         self.runs.is_empty()
     }
 
     /// Returns the number of triangles that overlap one of another material.
-    pub fn conflict_count(&self, scene: &Scene) -> usize {
-        let material = |primitive: u32| scene.triangles[primitive as usize].material;
-        let differs = |&&(primitive, _): &&(u32, u32)| {
-            let mut partners = self.partners(primitive).iter();
-            partners.any(|&partner| material(partner) != material(primitive))
-        };
-        self.runs.iter().filter(differs).count()
+    pub fn conflict_count(&self) -> usize {
+        self.conflicts
     }
 
-    /// Returns the triangles that overlap a triangle, in ascending order.
+    /// Returns true if another triangle may be met in place of this one.
     #[inline]
-    pub fn partners(&self, primitive: u32) -> &[u32] {
-        let is_shared = self
-            .shared
+    pub fn is_shared(&self, primitive: u32) -> bool {
+        self.shared
             .get(primitive as usize / 64)
-            .is_some_and(|bits| bits >> (primitive % 64) & 1 == 1);
-        if is_shared { self.run(primitive) } else { &[] }
+            .is_some_and(|bits| bits >> (primitive % 64) & 1 == 1)
     }
 
-    #[cold]
-    fn run(&self, primitive: u32) -> &[u32] {
+    fn partners(&self, primitive: u32) -> &[Partner] {
         let Ok(i) = self.runs.binary_search_by_key(&primitive, |run| run.0) else {
             return &[];
         };
@@ -149,37 +180,49 @@ impl CoplanarTriangles {
         (primitive, u, v): (u32, f32, f32),
         is_opaque: impl Fn(u32, [f32; 2]) -> bool,
     ) -> (u32, f32, f32) {
-        let partners = self.partners(primitive);
-        if partners.is_empty() {
-            return (primitive, u, v);
-        }
-        let faces = |primitive: u32| {
-            let [a, b, c] = scene.corners(primitive);
-            (b - a).cross(c - a).dot(direction) < 0.0
-        };
-        let single_sided = |primitive: u32| {
-            let material = scene.triangles[primitive as usize].material;
-            scene
-                .materials
-                .get(material as usize)
-                .is_some_and(|material| material.single_sided)
-        };
         let [a, b, c] = scene.corners(primitive);
         let point = a + (b - a) * f64::from(u) + (c - a) * f64::from(v);
-        let mut best = (faces(primitive), primitive, u, v);
-        for &other in partners {
-            let other_faces = faces(other);
-            if (other_faces, other) <= (best.0, best.1) || !other_faces && single_sided(other) {
-                continue;
-            }
-            if let Some([u, v]) = weights(scene.corners(other), point)
-                && is_opaque(other, [u, v])
-            {
-                best = (other_faces, other, u, v);
-            }
-        }
-        (best.1, best.2, best.3)
+        let partners = self.partners(primitive);
+        let (same, opposite) = partners.split_at(partners.partition_point(|it| !it.is_opposite));
+        let find = |partners: &[Partner], may_be_single_sided: bool| {
+            partners.iter().find_map(|partner| {
+                if point.cmplt(partner.low).any() || point.cmpgt(partner.high).any() {
+                    return None;
+                }
+                let primitive = partner.primitive;
+                if !may_be_single_sided && is_single_sided(scene, primitive) {
+                    return None;
+                }
+                let [u, v] = weights(scene.corners(primitive), point)?;
+                is_opaque(primitive, [u, v]).then_some((primitive, u, v))
+            })
+        };
+        let is_facing = (b - a).cross(c - a).dot(direction) < 0.0;
+        let met = if is_facing {
+            find(same, true)
+        } else {
+            find(opposite, true).or_else(|| find(same, false))
+        };
+        met.unwrap_or((primitive, u, v))
     }
+}
+
+fn is_single_sided(scene: &Scene, primitive: u32) -> bool {
+    let material = scene.triangles[primitive as usize].material;
+    let material = scene.materials.get(material as usize);
+    material.is_some_and(|material| material.single_sided)
+}
+
+/// Returns true if `copy` has the corners of `primitive`, which is met everywhere: `copy` is never
+/// met if `primitive` is looked at first.
+fn hides_copy(scene: &Scene, primitive: u32, copy: u32) -> bool {
+    let corners = scene.corners(primitive);
+    if !scene.corners(copy).iter().all(|it| corners.contains(it)) {
+        return false;
+    }
+    let material = scene.triangles[primitive as usize].material;
+    let material = scene.materials.get(material as usize);
+    material.is_some_and(|material| material.cutout.is_none() && !material.single_sided)
 }
 
 /// Returns the barycentric weights of the second and third corner at a point in the plane of a
@@ -206,6 +249,14 @@ struct Planes<'a> {
     offset_cell: f64,
 }
 
+/// What is found about a triangle.
+struct Overlap {
+    primitive: u32,
+    has_other_material: bool,
+    /// Whether it faces the other way, and the triangle.
+    partner: Option<(bool, u32)>,
+}
+
 /// A triangle projected along the largest axis of its normal.
 struct PlanarTriangle {
     primitive: u32,
@@ -224,6 +275,19 @@ impl Planes<'_> {
         let [a, b, c] = self.scene.corners(primitive);
         let normal = (b - a).cross(c - a);
         ([a - self.middle, b - self.middle, c - self.middle], normal)
+    }
+
+    fn partner(&self, primitive: u32, is_opposite: bool) -> Partner {
+        let corners = self.scene.corners(primitive);
+        let extents = corners.map(|corner| (corner - self.middle).abs().max_element());
+        let margin = DVec3::splat(2.0 * DISTANCE_SHARE * extents.into_iter().fold(0.0, f64::max));
+        let [a, b, c] = corners;
+        Partner {
+            primitive,
+            is_opposite,
+            low: a.min(b).min(c) - margin,
+            high: a.max(b).max(c) + margin,
+        }
     }
 
     /// Adds the cells of a triangle's plane, usually one.
@@ -257,8 +321,8 @@ impl Planes<'_> {
         }
     }
 
-    /// Returns the pairs of overlapping triangles of a group in one cell, each in both orders.
-    fn overlaps(&self, group: &[(u64, u32)]) -> Vec<[u32; 2]> {
+    /// Returns the overlapping triangles of a group in one cell.
+    fn overlaps(&self, group: &[(u64, u32)]) -> Vec<Overlap> {
         let (_, normal) = self.local(group[0].1);
         let size = normal.abs();
         let axis = (0..3).fold(0, |a, b| if size[b] > size[a] { b } else { a });
@@ -271,10 +335,10 @@ impl Planes<'_> {
             return Vec::new();
         }
         members.sort_unstable_by_key(|member| member.primitive);
-        let mut pairs = Vec::new();
+        let mut found = Vec::new();
         let all: Vec<&PlanarTriangle> = members.iter().collect();
-        self.divide(all, 0, &mut pairs);
-        pairs
+        self.divide(all, 0, &mut found);
+        found
     }
 
     fn project(&self, primitive: u32, axis: usize) -> PlanarTriangle {
@@ -292,7 +356,7 @@ impl Planes<'_> {
     }
 
     /// Finds the pairs among `members`, which are sorted, by halving their bounding box.
-    fn divide(&self, members: Vec<&PlanarTriangle>, depth: usize, pairs: &mut Vec<[u32; 2]>) {
+    fn divide(&self, members: Vec<&PlanarTriangle>, depth: usize, found: &mut Vec<Overlap>) {
         if members.len() > SMALL_GROUP && depth < MAX_DEPTH {
             let (low, high) = members.iter().fold(
                 (DVec2::INFINITY, DVec2::NEG_INFINITY),
@@ -309,17 +373,32 @@ impl Planes<'_> {
             // Otherwise most of them cross the middle.
             if lower.len() + upper.len() < members.len() * 3 / 2 {
                 drop(members);
-                self.divide(lower, depth + 1, pairs);
-                self.divide(upper, depth + 1, pairs);
+                self.divide(lower, depth + 1, found);
+                self.divide(upper, depth + 1, found);
                 return;
             }
         }
         for a in &members {
+            let (mut has_other_material, mut count) = (false, 0);
             // The last ones in the file first, as only so many are kept.
-            let others = members.iter().rev();
-            let overlapping = others.filter(|b| a.primitive != b.primitive && self.overlap(a, b));
-            let found = overlapping.take(MAX_PARTNERS);
-            pairs.extend(found.map(|b| [a.primitive, b.primitive]));
+            for b in members.iter().rev().filter(|b| b.primitive != a.primitive) {
+                let is_opposite = a.is_up != b.is_up;
+                let is_partner = is_opposite || b.primitive > a.primitive;
+                let is_news = !has_other_material && a.material != b.material;
+                if !(is_partner || is_news) || !self.overlap(a, b) {
+                    continue;
+                }
+                has_other_material |= a.material != b.material;
+                found.push(Overlap {
+                    primitive: a.primitive,
+                    has_other_material,
+                    partner: is_partner.then_some((is_opposite, b.primitive)),
+                });
+                count += 1;
+                if count == MAX_PARTNERS {
+                    break;
+                }
+            }
         }
     }
 

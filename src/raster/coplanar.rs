@@ -16,7 +16,7 @@ impl PixelShader<'_> {
             return;
         }
         let is_shared = |id: SurfaceId| match id.content() {
-            PixelContent::Triangle(primitive) => !coplanar.partners(primitive).is_empty(),
+            PixelContent::Triangle(primitive) => coplanar.is_shared(primitive),
             _ => false,
         };
         let shared = target.drawn.iter().filter(|drawn| is_shared(drawn.id));

@@ -1,7 +1,7 @@
 //! Promises of the command line: exit codes, one clear message per error, JSON keys, complete files
 //! or none.
 
-use super::run::{headbox, json, refused, succeeds};
+use super::run::{fails, headbox, json, refused, succeeds};
 use std::path::Path;
 use std::process::{Command, Stdio};
 
@@ -625,4 +625,28 @@ fn command_and_library_capture_the_same_bytes() {
         let bytes = |name: &str| std::fs::read(dir.path().join(name)).unwrap();
         assert!(bytes("command.ldi") == bytes("library.ldi"), "{name}");
     }
+}
+
+#[test]
+fn memory_limit_refuses_files_by_name() {
+    let dir = tempfile::tempdir().unwrap();
+    let write = |name: &str, text: &str| std::fs::write(dir.path().join(name), text).unwrap();
+    write("a.mtl", "newmtl m\nmap_Kd large.png\n");
+    write(
+        "a.obj",
+        "mtllib a.mtl\nusemtl m\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nf 1/1 2/1 3/1\n",
+    );
+    // 64 MiB of pixels, and four times as many as a texture.
+    let image = image::GrayImage::new(8192, 8192);
+    image.save(dir.path().join("large.png")).unwrap();
+    let command = "truth a.obj -o o.png --size 8x8 --samples 1 --memory";
+    let arguments = |limit| command.split(' ').chain([limit]).collect::<Vec<_>>();
+    fails(
+        dir.path(),
+        1,
+        &arguments("64"),
+        "a.obj: large.png needs 320 MiB of memory",
+    );
+    assert!(!dir.path().join("o.png").exists());
+    succeeds(dir.path(), &arguments("4096"));
 }

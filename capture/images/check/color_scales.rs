@@ -1,7 +1,8 @@
 //! Unit of depth by colours: cameras that move sideways along a wall see the same depth in any
 //! unit, but not the same colours.
 
-use crate::view::{LoadedView, MAX_DEPTH_M};
+use crate::seen_points::{SeenPoints, sampling_step};
+use crate::view::LoadedView;
 
 /// Number of factors on either side of 1.
 const SIDE: usize = 48;
@@ -95,44 +96,14 @@ fn factor(index: usize) -> f64 {
 /// Returns the mean colour difference of the points that both see, with depth times `factor`; NaN
 /// if they are few.
 fn mean_levels(a: &LoadedView, b: &LoadedView, factor: f64) -> f64 {
-    let [width, height] = a.size_px;
-    let step = [width, height].map(|side| side.div_ceil(SAMPLES).max(1) as usize);
-    let mut points = 0usize;
-    let mut seen = 0usize;
-    let mut sum = 0.0;
-    for y in (step[1] as u32 / 2..height).step_by(step[1]) {
-        for x in (step[0] as u32 / 2..width).step_by(step[0]) {
-            let Some(depth) = a.depth_at(x, y).filter(|depth| *depth < MAX_DEPTH_M) else {
-                continue;
-            };
-            points += 1;
-            let ray = a
-                .lens
-                .ray([f64::from(x) + 0.5, f64::from(y) + 0.5], a.size_px);
-            let point = a.pose.to_world(ray * f64::from(depth) * factor);
-            let Some([bx, by, expected]) = b.lens.project(b.pose.to_eye(point), b.size_px) else {
-                continue;
-            };
-            let [columns, rows] = b.size_px.map(f64::from);
-            if !(bx >= 0.0 && by >= 0.0 && bx < columns && by < rows) {
-                continue;
-            }
-            let Some(actual) = b.depth_at(bx as u32, by as u32) else {
-                continue;
-            };
-            if (f64::from(actual) * factor / expected - 1.0).abs() > HIDDEN {
-                continue;
-            }
-            if let Some(color) = b.color_at([bx, by]) {
-                let own = a.color[y as usize * width as usize + x as usize];
-                let differences = (0..3).map(|c| (color[c] - f64::from(own[c])).abs());
-                sum += differences.sum::<f64>() / 3.0;
-                seen += 1;
-            }
-        }
-    }
-    if seen as f64 > OVERLAP * points.max(1) as f64 {
-        sum / seen as f64
+    let points = SeenPoints::new(a, b, sampling_step(a.size_px, SAMPLES), factor, false);
+    let unhidden = points.seen.iter();
+    let unhidden = unhidden.filter(|point| (point.depth_ratio - 1.0).abs() <= HIDDEN);
+    let levels: Vec<f64> = unhidden
+        .filter_map(|point| point.color_levels(a, b))
+        .collect();
+    if levels.len() as f64 > OVERLAP * points.points.max(1) as f64 {
+        levels.iter().sum::<f64>() / levels.len() as f64
     } else {
         f64::NAN
     }

@@ -7,6 +7,7 @@ use super::depth_evidence::best_factor;
 use super::view::{LoadedView, MAX_DEPTH_M, View};
 use super::{ImageSet, ImagesError};
 use crate::readers::text;
+use crate::seen_points::{SeenPoints, sampled_pixels};
 use headbox_core::statistics::median;
 
 /// Disagreement of two neighbouring views where both have depth.
@@ -156,13 +157,13 @@ fn describe_outside(loaded: &LoadedView, view: &View) -> Option<String> {
     let mut known = 0u64;
     let mut before = 0u64;
     let mut behind = 0u64;
-    for_each_sampled(loaded, |x, y| {
+    for [x, y] in sampled_pixels(loaded.size_px, [STEP; 2]) {
         if let Some(depth) = loaded.depth_at(x, y).map(f64::from) {
             known += 1;
             before += u64::from(depth < near * 0.999);
             behind += u64::from(depth < f64::from(MAX_DEPTH_M) && depth > far * 1.001);
         }
-    });
+    }
     let share = |count: u64| count as f64 / known.max(1) as f64;
     let describe = |count: u64, what: &str, plane: f64| {
         let percent = share(count) * 100.0;
@@ -230,65 +231,32 @@ fn warn_of_duplicates(views: &[View]) -> Option<String> {
 }
 
 fn add_depths(view: &LoadedView, depths: &mut Vec<f64>, known: &mut u64, pixels: &mut u64) {
-    for_each_sampled(view, |x, y| {
+    for [x, y] in sampled_pixels(view.size_px, [STEP; 2]) {
         *pixels += 1;
         if let Some(depth) = view.depth_at(x, y) {
             *known += 1;
             // Background depth is independent of the unit.
             depths.extend((depth < MAX_DEPTH_M).then_some(f64::from(depth)));
         }
-    });
-}
-
-fn for_each_sampled(view: &LoadedView, mut visit: impl FnMut(u32, u32)) {
-    let [width, height] = view.size_px;
-    for y in (STEP / 2..height).step_by(STEP as usize) {
-        for x in (STEP / 2..width).step_by(STEP as usize) {
-            visit(x, y);
-        }
     }
 }
 
 /// Compares points of `a` with depth and colour of `b` where they project to.
 fn compare(a: &LoadedView, b: &LoadedView, from: &str, to: &str) -> Residual {
+    let points = SeenPoints::new(a, b, [STEP; 2], 1.0, true);
     let mut relative = Vec::new();
     let mut levels = Vec::new();
-    let mut points = 0u64;
-    let mut seen = 0u64;
-    for_each_sampled(a, |x, y| {
-        let Some(point) = a.point_at(x, y) else {
-            return;
-        };
-        points += 1;
-        let Some([bx, by, expected]) = b.lens.project(b.pose.to_eye(point), b.size_px) else {
-            return;
-        };
-        if !(bx >= 0.0 && by >= 0.0 && bx < f64::from(b.size_px[0]) && by < f64::from(b.size_px[1]))
-        {
-            return;
-        }
-        let Some(actual) = b.depth_at(bx as u32, by as u32) else {
-            return;
-        };
-        let error = (f64::from(actual) / expected - 1.0).abs();
-        seen += 1;
+    for point in &points.seen {
+        let error = (point.depth_ratio - 1.0).abs();
         relative.push(error);
-        if error < MAX_DIFFERENCE / 4.0
-            && let Some(color) = b.color_at([bx, by])
-        {
-            let own = a.color[y as usize * a.size_px[0] as usize + x as usize];
-            levels.push(
-                (0..3)
-                    .map(|c| (color[c] - f64::from(own[c])).abs())
-                    .sum::<f64>()
-                    / 3.0,
-            );
+        if error < MAX_DIFFERENCE / 4.0 {
+            levels.extend(point.color_levels(a, b));
         }
-    });
+    }
     Residual {
         from: from.into(),
         to: to.into(),
-        overlap: seen as f64 / points.max(1) as f64,
+        overlap: points.overlap(),
         relative_depth: median(relative).unwrap_or(f64::NAN),
         color_levels: median(levels).unwrap_or(f64::NAN),
     }

@@ -284,10 +284,11 @@ fn parse(bytes: &[u8]) -> Result<DeepImage, FieldError> {
         .collect::<Result<_, _>>()?;
     let sample_bytes: u64 = channels.iter().map(|(_, kind)| kind.bytes() as u64).sum();
     let pixels = width as u64 * height as u64;
-    let reserve =
-        |bytes: u64| memory::reserve(bytes).map_err(|error| field_error("it", error.to_string()));
+    let reserve = |field: &str, bytes: u64| {
+        memory::reserve(bytes).map_err(|error| field_error(field, error.to_string()))
+    };
     // Counts and offsets.
-    let _pixel_memory = reserve(8 * pixels)?;
+    let _pixel_memory = reserve("the counts of samples", 8 * pixels)?;
     let mut counts = vec![0u32; width * height];
     // Packed samples of each row, and their unpacked length.
     let mut rows: Vec<(&[u8], u64)> = vec![(&[], 0); height];
@@ -347,7 +348,10 @@ fn parse(bytes: &[u8]) -> Result<DeepImage, FieldError> {
         offsets.push(sum);
     }
     // The values, and the samples of the cube LDI or the frame that they become.
-    let _sample_memory = reserve(u64::from(sum) * (4 * channels.len() as u64 + 16))?;
+    let _sample_memory = reserve(
+        "the samples",
+        u64::from(sum) * (4 * channels.len() as u64 + 16),
+    )?;
     let mut read: Vec<DeepChannel> = channels
         .iter()
         .map(|(name, kind)| DeepChannel {

@@ -134,9 +134,7 @@ fn read_picture(path: &Path, format: &DepthFormat) -> Result<StoredDepth, Images
             "png" | "jpg" | "jpeg" | "tif" | "tiff" | "bmp" | "tga" | "webp" | "gif" => {
                 ImagesError::picture(path, error)
             }
-            _ => bad(format!(
-                "is not a depth file that is read ({error}); {EXPECTED}"
-            )),
+            _ => bad(format!("cannot be read as depth ({error}); {EXPECTED}")),
         })?
         .image;
     let [width, height] = [image.width(), image.height()];

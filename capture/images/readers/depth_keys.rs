@@ -83,7 +83,7 @@ pub(super) fn note_unknown(root: &Value) -> Vec<String> {
     let expected = format!("expected {}, {UNIT} and {INTEGER_UNIT}", PATHS.join(" or "));
     let mut notes: Vec<String> = unknown(root)
         .into_iter()
-        .map(|key| format!("\"{key}\" is not a key of depth that is read; {expected}"))
+        .map(|key| format!("\"{key}\" is an unknown key of depth and ignored; {expected}"))
         .collect();
     let frames = root.get("frames").and_then(Value::as_array);
     let mut counts: BTreeMap<String, usize> = BTreeMap::new();
@@ -91,7 +91,7 @@ pub(super) fn note_unknown(root: &Value) -> Vec<String> {
         *counts.entry(key).or_default() += 1;
     }
     notes.extend(counts.into_iter().map(|(key, count)| {
-        format!("\"{key}\" of {count} frames is not a key of depth that is read; {expected}")
+        format!("\"{key}\" of {count} frames is an unknown key of depth and ignored; {expected}")
     }));
     notes
 }

@@ -2,7 +2,7 @@
 
 use super::intrinsics::pose_from_rows;
 use super::left_out::LeftOut;
-use super::rgbd_folders::find_image;
+use super::rgbd_folders::find_named_image;
 use super::text;
 use crate::camera_model::{CameraModel, Polynomial, Projection};
 use crate::color_images::read_size;
@@ -169,16 +169,7 @@ fn largest_component<'a>(cameras: &[Node<'a, 'a>]) -> Option<&'a str> {
 /// Finds the image of a camera, whose label is the file's name with or without its extension.
 fn find_color(folder: &Path, label: &str) -> Option<PathBuf> {
     let name = Path::new(label).file_name()?.to_str()?;
-    let places = ["images", "input", ""].map(|place| folder.join(place));
-    places.into_iter().find_map(|place| {
-        let whole = super::paths::find_file(&place, name);
-        let found = if whole.is_file() {
-            whole
-        } else {
-            find_image(&place, name)
-        };
-        found.is_file().then_some(found)
-    })
+    find_named_image(folder, name)
 }
 
 /// Reads a sensor: Brown's distortion about the centre of the image, or an equidistant fisheye.

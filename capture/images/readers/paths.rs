@@ -1,6 +1,8 @@
 //! Paths in the files of a set.
 
 use crate::ImagesError;
+use headbox_core::files;
+use std::ffi::OsStr;
 use std::path::{Component, Path, PathBuf};
 
 /// Resolves a path in a manifest relative to the manifest's folder. Backslashes are separators if
@@ -49,33 +51,11 @@ pub(super) fn find_file(folder: &Path, written: &str) -> PathBuf {
         return exact;
     }
     let slashed = written.replace('\\', "/");
-    find_ignoring_case(folder, Path::new(&slashed)).unwrap_or_else(|| folder.join(slashed))
-}
-
-/// Finds `folder/relative`; a component without an exact match is matched ignoring case (the first
-/// in alphabetical order).
-fn find_ignoring_case(folder: &Path, relative: &Path) -> Option<PathBuf> {
-    let mut path = folder.to_path_buf();
-    for component in relative.components() {
-        let exact = path.join(component);
-        if exact.exists() || !matches!(component, Component::Normal(_)) {
-            path = exact;
-            continue;
-        }
-        let wanted = component.as_os_str().to_string_lossy().to_lowercase();
-        let listed = if path.as_os_str().is_empty() {
-            Path::new(".")
-        } else {
-            &path
-        };
-        let names = std::fs::read_dir(listed).ok()?;
-        let names = names.filter_map(|entry| Some(entry.ok()?.file_name()));
-        let found = names
-            .filter(|name| name.to_string_lossy().to_lowercase() == wanted)
-            .min()?;
-        path = path.join(found);
-    }
-    Some(path)
+    let ignoring_case = files::find_similar(folder, Path::new(&slashed), |written| {
+        let wanted = written.to_lowercase();
+        move |name: &OsStr| name.to_string_lossy().to_lowercase() == wanted
+    });
+    ignoring_case.unwrap_or_else(|| folder.join(slashed))
 }
 
 #[cfg(test)]

@@ -3,7 +3,7 @@
 
 use super::json::{self, JsonObject};
 use super::left_out::LeftOut;
-use super::rgbd_folders::{find_image, pose_from_words};
+use super::rgbd_folders::{find_image, find_named_image, pose_from_words};
 use super::text;
 use crate::color_images::read_size;
 use crate::depth::DepthSource;
@@ -298,14 +298,5 @@ fn splat_image(folder: &Path, name: &str) -> Option<PathBuf> {
     if path.is_absolute() || path.components().any(has_parent) || name.is_empty() {
         return None;
     }
-    let places = ["images", "input", ""].map(|place| folder.join(place));
-    places.into_iter().find_map(|place| {
-        let whole = super::paths::find_file(&place, name);
-        let found = if whole.is_file() {
-            whole
-        } else {
-            find_image(&place, name)
-        };
-        found.is_file().then_some(found)
-    })
+    find_named_image(folder, name)
 }

@@ -122,6 +122,21 @@ pub(super) fn find_image(folder: &Path, stem: &str) -> PathBuf {
         .unwrap_or_else(|| named("jpg"))
 }
 
+/// Returns the image that a camera names, with or without its extension, in the folders where
+/// photographs lie beside the file of cameras.
+pub(super) fn find_named_image(folder: &Path, name: &str) -> Option<PathBuf> {
+    let places = ["images", "input", ""].map(|place| folder.join(place));
+    places.into_iter().find_map(|place| {
+        let whole = super::paths::find_file(&place, name);
+        let found = if whole.is_file() {
+            whole
+        } else {
+            find_image(&place, name)
+        };
+        found.is_file().then_some(found)
+    })
+}
+
 /// Reads a number at the end of a name, so that 10 follows 9.
 fn number_of(path: &Path) -> (Option<u64>, String) {
     let stem = path.file_stem().unwrap_or_default().to_string_lossy();

@@ -243,7 +243,7 @@ impl Builder {
         self.groups.retain(|group| !group.triangles.is_empty());
         self.notes
             .add(Note::Duplicate, duplicate_count(&self.scene));
-        let overlapping = CoplanarTriangles::find(&self.scene).conflict_count(&self.scene);
+        let overlapping = CoplanarTriangles::find(&self.scene).conflict_count();
         self.notes.add(Note::Coplanar, overlapping);
         self.notes.add_file(path);
         let FileLights { sun, sky, lamps } = self.lights.with_defaults(&mut self.notes);

@@ -321,6 +321,13 @@ impl Notes {
             .get_or_insert_with(|| format!("{name} {cause}"));
     }
 
+    /// Adds a file that could not be read, if that is because of the memory budget.
+    pub(super) fn add_if_over_budget(&mut self, name: &str, cause: &std::io::Error) {
+        if cause.kind() == std::io::ErrorKind::OutOfMemory {
+            self.add_over_budget(name, cause);
+        }
+    }
+
     /// Takes the error of [`Self::add_over_budget`].
     pub(super) fn take_over_budget(&mut self) -> Option<String> {
         self.over_budget.take()

@@ -159,9 +159,7 @@ fn read_libraries(libraries: &[String], folder: &Path, notes: &mut Notes) -> Vec
             let read = found.and_then(|found| match memory::read_file(&found.path) {
                 Ok(bytes) => Ok((found.path, bytes)),
                 Err(cause) => {
-                    if cause.kind() == std::io::ErrorKind::OutOfMemory {
-                        notes.add_over_budget(name, &cause);
-                    }
+                    notes.add_if_over_budget(name, &cause);
                     Err(cause.to_string())
                 }
             });

@@ -5,13 +5,14 @@ use super::lines::without_comment;
 use super::notes::{Note, Notes};
 use crate::material::{Sampler, Texture};
 use headbox_core::color::srgb8_from_linear;
+use headbox_core::files;
 use headbox_core::image::codec::{self, PictureError};
 use image::DynamicImage;
 use rayon::prelude::*;
 use std::borrow::Cow;
 use std::collections::{BTreeSet, HashMap};
-use std::fs;
-use std::path::{Component, Path, PathBuf};
+use std::ffi::OsStr;
+use std::path::{Path, PathBuf};
 
 /// Use of an image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -318,7 +319,7 @@ fn find_named(written: &str, folders: &[&Path]) -> Option<FoundFile> {
         .into_iter()
         .flat_map(|name| folders.iter().map(move |f| (f, name)));
     let path = candidates
-        .filter_map(|(folder, name)| find_ignoring_case(folder, name))
+        .filter_map(|(folder, name)| find_respelled(folder, name))
         .find(|path| path.is_file())?;
     Some(FoundFile {
         path,
@@ -327,35 +328,14 @@ fn find_named(written: &str, folders: &[&Path]) -> Option<FoundFile> {
 }
 
 /// Finds `folder/relative`; a component without an exact match is matched ignoring case and in
-/// other encodings (the first in alphabetical order).
-fn find_ignoring_case(folder: &Path, relative: &Path) -> Option<PathBuf> {
-    let mut path = folder.to_path_buf();
-    for component in relative.components() {
-        let exact = path.join(component);
-        if exact.exists() || !matches!(component, Component::Normal(_)) {
-            path = exact;
-            continue;
-        }
-        let written = component.as_os_str().to_string_lossy();
-        let mut wanted: BTreeSet<String> = respellings(&written)
+/// other encodings.
+fn find_respelled(folder: &Path, relative: &Path) -> Option<PathBuf> {
+    files::find_similar(folder, relative, |written| {
+        let mut wanted: BTreeSet<String> = respellings(written)
             .iter()
             .map(|name| name.to_lowercase())
             .collect();
         wanted.insert(written.to_lowercase());
-        let listing = if path.as_os_str().is_empty() {
-            fs::read_dir(".")
-        } else {
-            fs::read_dir(&path)
-        };
-        let names = listing
-            .ok()?
-            .filter_map(Result::ok)
-            .map(|entry| entry.file_name());
-        path.push(
-            names
-                .filter(|name| !spellings_of_file(name).is_disjoint(&wanted))
-                .min()?,
-        );
-    }
-    Some(path)
+        move |name: &OsStr| !spellings_of_file(name).is_disjoint(&wanted)
+    })
 }

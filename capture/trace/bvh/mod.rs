@@ -20,7 +20,8 @@
 //! 4. a cut-out texture, where there is one, is opaque there.
 //!
 //! The closest hit is the smallest (t, primitive index), with overlapping triangles in one plane
-//! resolved by orientation and order ([`headbox_scene::coplanar`]). No operation is contracted or approximated.
+//! resolved by orientation and order ([`headbox_scene::coplanar`]). No operation is contracted or
+//! approximated.
 
 mod build;
 mod cutout;
@@ -192,7 +193,7 @@ impl Tracer {
     /// ([`CoplanarTriangles::resolve`]).
     #[inline]
     fn resolve_coplanar(&self, direction: Vec3, hit: Hit) -> Hit {
-        if self.coplanar.partners(hit.primitive).is_empty() {
+        if !self.coplanar.is_shared(hit.primitive) {
             return hit;
         }
         let (primitive, u, v) = self.coplanar.resolve(

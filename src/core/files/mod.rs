@@ -16,9 +16,10 @@
 mod tests;
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::ffi::OsStr;
 use std::fs::{self, File, Metadata, OpenOptions, Permissions};
 use std::io::{self, BufWriter, Seek, Write};
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
@@ -54,6 +55,35 @@ enum Target {
 /// Same as [`check`], without inputs and permissions.
 pub fn is_stream(path: &Path) -> io::Result<bool> {
     Ok(!matches!(target(path)?, Target::File(..)))
+}
+
+/// Finds `folder/relative`. A component without an exact match is that of the listed names which
+/// `matcher` accepts for it, the first in alphabetical order.
+pub fn find_similar<M: Fn(&OsStr) -> bool>(
+    folder: &Path,
+    relative: &Path,
+    matcher: impl Fn(&str) -> M,
+) -> Option<PathBuf> {
+    let mut path = folder.to_path_buf();
+    for component in relative.components() {
+        let exact = path.join(component);
+        if exact.exists() || !matches!(component, Component::Normal(_)) {
+            path = exact;
+            continue;
+        }
+        let accepts = matcher(&component.as_os_str().to_string_lossy());
+        let listed = if path.as_os_str().is_empty() {
+            Path::new(".")
+        } else {
+            &path
+        };
+        let names = fs::read_dir(listed)
+            .ok()?
+            .filter_map(|entry| Some(entry.ok()?.file_name()));
+        let found = names.filter(|name| accepts(name)).min()?;
+        path.push(found);
+    }
+    Some(path)
 }
 
 /// Checks in advance that [`write_whole`] will not refuse `path`. Creates nothing.

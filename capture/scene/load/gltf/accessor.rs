@@ -14,10 +14,11 @@ use crate::load::gltf::uri;
 use gltf::json::accessor::{Accessor, ComponentType, Type};
 use gltf::json::validation::Checked;
 use gltf::json::{Index, Root, buffer};
-use headbox_core::memory;
+use headbox_core::memory::{self, OverBudget};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::path::Path;
+use std::sync::OnceLock;
 
 /// Maximum number of entries of an accessor without a buffer view (zeros, except for sparse
 /// values). Others cannot have more than their buffer holds.
@@ -31,6 +32,8 @@ pub(super) struct Buffers<'a> {
     decoded_views: BTreeMap<usize, Vec<u8>>,
     /// Numbers of accessors whose bytes are in compressed primitives.
     decoded_accessors: BTreeMap<usize, Values>,
+    /// Why an accessor was not read although it is valid.
+    over_budget: OnceLock<OverBudget>,
 }
 
 impl<'a> Buffers<'a> {
@@ -44,7 +47,7 @@ impl<'a> Buffers<'a> {
     ) -> Self {
         let mut blob = blob;
         let mut read = |(index, buffer): (usize, &buffer::Buffer)| {
-            if raw.is_placeholder(index) {
+            if raw.is_fallback_buffer(index) {
                 return None;
             }
             let (name, bytes) = match buffer.uri.as_deref() {
@@ -59,9 +62,7 @@ impl<'a> Buffers<'a> {
                             Some(found) => {
                                 notes.add_file(&found.path);
                                 memory::read_file(&found.path).map_err(|cause| {
-                                    if cause.kind() == std::io::ErrorKind::OutOfMemory {
-                                        notes.add_over_budget(&file, &cause);
-                                    }
+                                    notes.add_if_over_budget(&file, &cause);
                                     cause.to_string()
                                 })
                             }
@@ -83,10 +84,16 @@ impl<'a> Buffers<'a> {
             data,
             decoded_views: BTreeMap::new(),
             decoded_accessors: BTreeMap::new(),
+            over_budget: OnceLock::new(),
         };
         buffers.decode_views(raw, notes);
         buffers.decode_primitives(raw, notes);
         buffers
+    }
+
+    /// Returns the error of the memory budget, if accessors were left out because of it.
+    pub(super) fn over_budget(&self) -> Option<&OverBudget> {
+        self.over_budget.get()
     }
 
     /// Decodes the compressed views.
@@ -212,7 +219,10 @@ impl<'a> Buffers<'a> {
                 self.entries(view, offset, count, layout)?
             }
             None if count <= MAX_ZEROS => {
-                let _memory = memory::reserve(8 * (N * count) as u64).ok()?;
+                let memory = memory::reserve(8 * (N * count) as u64);
+                let _memory = memory
+                    .map_err(|cause| self.over_budget.get_or_init(|| cause).clone())
+                    .ok()?;
                 vec![[0.0; N]; count]
             }
             None => return None,

@@ -133,6 +133,9 @@ pub(super) fn load(
     let mut builder = Builder::new(frame, notes);
     push_nodes(&root, &raw, &buffers, &surfaces, &mut builder, groups)
         .map_err(|error| error.in_file(path))?;
+    if let Some(cause) = buffers.over_budget() {
+        builder.notes.add_over_budget("a mesh", cause);
+    }
     if options.up.is_none() || options.unit_m.is_none() {
         builder.report_doubts(&FrameHints {
             options: *options,
