@@ -11,12 +11,15 @@
 //!
 //! A surface has a rim only where some neighbouring pixel has no sample of it; everything else
 //! covers its whole pixel. Cheaper estimates cannot distinguish a rim from a surface that few rays
-//! hit (docs/decisions/0020).
+//! hit (docs/decisions/0020). Triangles smaller than a pixel, such as far leaves, gravel or chain
+//! link, have rims that no neighbour betrays, because it holds other ones at the same depth. A ray
+//! through each pixel finds them: a block of pixels in which one passes a surface without a rim is
+//! measured as a whole, with [`SPARSE_PACKETS`] times as many rays.
 
 use glam::Vec3;
 use headbox_cube::model::depth_bins::DepthBins;
 use headbox_cube::model::samples::{DepthPixel, LayeredDepthImage};
-use headbox_trace::bvh::{HitPacket, PACKET, Ray, RayPacket, Tracer};
+use headbox_trace::bvh::{PACKET, Ray, RayPacket, Tracer};
 use headbox_trace::sampler::{random4, unit_float};
 use rayon::prelude::*;
 
@@ -34,6 +37,12 @@ pub(crate) struct AlphaMeasure<'a> {
     pub(crate) spans: &'a [BinSpan],
 }
 
+/// Side of the blocks of pixels that are searched for sparse surfaces, with one ray a pixel.
+const BLOCK: u32 = 4;
+
+/// Number of packets through a pixel of a sparse surface.
+const SPARSE_PACKETS: usize = 4;
+
 /// Minimum number of rays that must reach a sample for its share of them to count.
 const ENOUGH_RAYS: u32 = 4;
 
@@ -45,14 +54,33 @@ const DEPTH_RUN_GAP: u16 = 2;
 const LEAST_REACHABLE: f64 = 0.05;
 
 impl AlphaMeasure<'_> {
-    /// The alphas of all samples, in their order: measured in the pixels (x, y) that `is_selected`
-    /// accepts, unchanged elsewhere.
-    pub(crate) fn alphas(&self, is_selected: impl Fn(u32, u32) -> bool + Sync) -> Vec<u8> {
+    /// The alphas of all samples, in their order.
+    pub(crate) fn alphas(&self) -> Vec<u8> {
+        let blocks = self.face.size_px.div_ceil(BLOCK);
+        let block_row = |row: u32| {
+            let sparse: Vec<bool> = (0..blocks)
+                .map(|column| self.is_sparse_block(column * BLOCK, row * BLOCK))
+                .collect();
+            let mut alphas = Vec::new();
+            for y in row * BLOCK..self.face.size_px.min((row + 1) * BLOCK) {
+                for x in 0..self.face.size_px {
+                    self.measure_pixel(x, y, sparse[(x / BLOCK) as usize], &mut alphas);
+                }
+            }
+            alphas
+        };
+        let rows: Vec<Vec<u8>> = (0..blocks).into_par_iter().map(block_row).collect();
+        rows.concat()
+    }
+
+    /// The alphas of all samples, in their order: those of rims measured in the pixels (x, y) that
+    /// `is_selected` accepts, unchanged elsewhere.
+    pub(crate) fn rim_alphas(&self, is_selected: impl Fn(u32, u32) -> bool + Sync) -> Vec<u8> {
         let row = |y: u32| {
             let mut alphas = Vec::new();
             for x in 0..self.face.size_px {
                 if is_selected(x, y) {
-                    self.measure_pixel(x, y, &mut alphas);
+                    self.measure_pixel(x, y, false, &mut alphas);
                 } else {
                     let samples = self.face.pixel(x, y);
                     alphas.extend(samples.iter().map(|sample| sample.color_srgb[3]));
@@ -64,25 +92,46 @@ impl AlphaMeasure<'_> {
         rows.concat()
     }
 
+    /// Returns true if a ray through a pixel of the block at (`left`, `top`) passes the pixel's
+    /// nearest surface, which has no rim there.
+    fn is_sparse_block(&self, left: u32, top: u32) -> bool {
+        let size = self.face.size_px;
+        let pixels = (0..BLOCK * BLOCK)
+            .map(|k| [left + k % BLOCK, top + k / BLOCK])
+            .filter(|&[x, y]| x < size && y < size && !self.face.pixel(x, y).is_empty());
+        let mut rays = RayPacket::EMPTY;
+        for (k, [x, y]) in pixels.clone().enumerate() {
+            let offset = self.shift(x, y, 0xb10c);
+            rays.set(k, &self.ray([x, y], offset, self.range_from_headbox()));
+        }
+        let hits = self.tracer.closest_packet(&rays);
+        pixels.zip(hits.t).any(|([x, y], t)| {
+            let nearest = self.spans(x, y).last();
+            let is_passed = nearest.is_some_and(|span| self.bins.place(1.0 / t).0 < span[0]);
+            (is_passed || t.is_infinite())
+                && !self.face.pixel(x, y).iter().any(|it| self.is_rim(x, y, it))
+        })
+    }
+
     /// Appends the alphas of a pixel's samples.
-    fn measure_pixel(&self, x: u32, y: u32, alphas: &mut Vec<u8>) {
+    fn measure_pixel(&self, x: u32, y: u32, is_sparse: bool, alphas: &mut Vec<u8>) {
         let samples = self.face.pixel(x, y);
         let before = alphas.len();
         alphas.resize(before + samples.len(), 255);
-        let is_rim = |sample: &DepthPixel| self.is_rim(x, y, sample);
+        let is_rim = |sample: &DepthPixel| is_sparse || self.is_rim(x, y, sample);
         if !samples.iter().any(is_rim) {
             return;
         }
-        let first = self.face.offsets[(y * self.face.size_px + x) as usize] as usize;
-        let spans = &self.spans[first..first + samples.len()];
-        let visible_counts = self.count_visible_from_centre(x, y, spans);
-        let mut reaching = PACKET as u32;
+        let packets = if is_sparse { SPARSE_PACKETS } else { 1 };
+        let spans = self.spans(x, y);
+        let visible_counts = self.count_visible_from_centre(x, y, packets);
+        let mut reaching = (packets * PACKET) as u32;
         for i in (0..samples.len()).rev() {
             if reaching >= ENOUGH_RAYS || is_rim(&samples[i]) {
                 let share = if reaching >= ENOUGH_RAYS {
-                    (f64::from(visible_counts[i]) + 0.5) / f64::from(reaching)
+                    count_or_half(visible_counts[i]) / f64::from(reaching)
                 } else {
-                    self.filled_share(x, y, spans[i])
+                    self.filled_share(x, y, packets, spans[i])
                 };
                 let reachable = if is_in_depth_run(spans, i) {
                     self.reachable_share(x, y, &samples[i], spans[i])
@@ -110,34 +159,42 @@ impl AlphaMeasure<'_> {
         around(y).any(|j| around(x).any(|i| !face.pixel(i, j).iter().any(continues)))
     }
 
+    /// Bin spans of a pixel's samples.
+    fn spans(&self, x: u32, y: u32) -> &[BinSpan] {
+        let first = self.face.offsets[(y * self.face.size_px + x) as usize] as usize;
+        &self.spans[first..first + self.face.pixel(x, y).len()]
+    }
+
     /// Counts the pixel's rays that end at each sample. A ray that ends at a surface without a
     /// sample counts for the sample nearest to that depth.
-    fn count_visible_from_centre(&self, x: u32, y: u32, spans: &[BinSpan]) -> Vec<u32> {
-        let mut hits = [HitPacket::MISS];
-        self.tracer.closest_packets(
-            &[self.rays(x, y, self.half_size_m as f32, f32::INFINITY)],
-            &mut hits,
-        );
+    fn count_visible_from_centre(&self, x: u32, y: u32, packets: usize) -> Vec<u32> {
+        let spans = self.spans(x, y);
         let mut counts = vec![0; spans.len()];
-        for t in hits[0].t.into_iter().filter(|t| t.is_finite()) {
-            let bin = self.bins.place(1.0 / t).0;
-            let distance =
-                |[first, last]: &BinSpan| first.saturating_sub(bin).max(bin.saturating_sub(*last));
-            if let Some(nearest) = (0..spans.len()).min_by_key(|&i| distance(&spans[i])) {
-                counts[nearest] += 1;
+        for i in 0..packets {
+            let rays = self.rays(x, y, i, self.range_from_headbox());
+            let hits = self.tracer.closest_packet(&rays);
+            for t in hits.t.into_iter().filter(|t| t.is_finite()) {
+                let bin = self.bins.place(1.0 / t).0;
+                let distance = |[first, last]: &BinSpan| {
+                    first.saturating_sub(bin).max(bin.saturating_sub(*last))
+                };
+                if let Some(nearest) = (0..spans.len()).min_by_key(|&i| distance(&spans[i])) {
+                    counts[nearest] += 1;
+                }
             }
         }
         counts
     }
 
     /// Share of the pixel's rays that hit something within the span; at least half a ray's.
-    fn filled_share(&self, x: u32, y: u32, span: BinSpan) -> f64 {
+    fn filled_share(&self, x: u32, y: u32, packets: usize, span: BinSpan) -> f64 {
         let [t_max, t_min] = self.inverse_depth_range(span).map(|q| (1.0 / q) as f32);
-        let hits = self
-            .tracer
-            .occluded_packet(&self.rays(x, y, t_min, t_max))
-            .count_ones();
-        (f64::from(hits) + 0.5) / PACKET as f64
+        let count = |i| {
+            let rays = self.rays(x, y, i, [t_min, t_max]);
+            self.tracer.occluded_packet(&rays).count_ones()
+        };
+        let hits: u32 = (0..packets).map(count).sum();
+        count_or_half(hits) / (packets * PACKET) as f64
     }
 
     /// Minimum and maximum inverse depth of a span.
@@ -158,31 +215,48 @@ impl AlphaMeasure<'_> {
         ((largest - least) / over_pixel).clamp(LEAST_REACHABLE, 1.0)
     }
 
-    /// The rays from the centre through a pixel. Their directions have eye depth 1, so that `t` is
-    /// eye depth.
-    fn rays(&self, x: u32, y: u32, t_min: f32, t_max: f32) -> RayPacket {
+    /// Distances at which rays from the centre start and end.
+    fn range_from_headbox(&self) -> [f32; 2] {
+        [self.half_size_m as f32, f32::INFINITY]
+    }
+
+    /// Packet number `packet` of the rays from the centre through a pixel.
+    fn rays(&self, x: u32, y: u32, packet: usize, range: [f32; 2]) -> RayPacket {
         // An additive-recurrence set (R2, Roberts 2018), shifted at random.
         const STEPS: [f64; 2] = [0.754_877_666_246_693, 0.569_840_290_998_053];
-        let face = self.face.face;
-        let shift = random4([face.index() as u32, x, y, 0xc0]).map(unit_float);
-        let mut packet = RayPacket::EMPTY;
+        let shift = self.shift(x, y, 0xc0);
+        let mut rays = RayPacket::EMPTY;
         for k in 0..PACKET {
-            let [jx, jy] = [0, 1].map(|c| (f64::from(shift[c]) + k as f64 * STEPS[c]).fract());
-            let direction = face
-                .direction(f64::from(x) + jx, f64::from(y) + jy, self.face.size_px)
-                .as_vec3();
-            packet.set(
-                k,
-                &Ray {
-                    origin: Vec3::ZERO,
-                    direction,
-                    t_min,
-                    t_max,
-                },
-            );
+            let number = (packet * PACKET + k) as f64;
+            let offset = [0, 1].map(|c| (shift[c] + number * STEPS[c]).fract());
+            rays.set(k, &self.ray([x, y], offset, range));
         }
-        packet
+        rays
     }
+
+    /// Random numbers from 0 to 1 for a pixel and a purpose.
+    fn shift(&self, x: u32, y: u32, purpose: u32) -> [f64; 2] {
+        let [a, b, ..] = random4([self.face.face.index() as u32, x, y, purpose]).map(unit_float);
+        [a, b].map(f64::from)
+    }
+
+    /// A ray from the centre through a point of a pixel. Its direction has eye depth 1, so that `t`
+    /// is eye depth.
+    fn ray(&self, [x, y]: [u32; 2], offset: [f64; 2], [t_min, t_max]: [f32; 2]) -> Ray {
+        let face = self.face.face;
+        let [column, row] = [f64::from(x) + offset[0], f64::from(y) + offset[1]];
+        Ray {
+            origin: Vec3::ZERO,
+            direction: face.direction(column, row, self.face.size_px).as_vec3(),
+            t_min,
+            t_max,
+        }
+    }
+}
+
+/// Returns a number of rays. No ray counts as half a ray, as rays from elsewhere met the surface.
+fn count_or_half(rays: u32) -> f64 {
+    f64::from(rays).max(0.5)
 }
 
 /// Returns true if sample `i` is one of three or more that follow each other in depth with gaps of
@@ -199,4 +273,105 @@ fn is_in_depth_run(spans: &[BinSpan], i: usize) -> bool {
         .take_while(|pair| follows(pair))
         .count();
     before + after >= 2
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::capture::SceneCapture;
+    use crate::scene_source::SceneSource;
+    use crate::spec::{CaptureSpec, RunOptions};
+    use glam::{DVec3, Vec3, dvec3};
+    use headbox_core::cube_face::Face;
+    use headbox_core::random::Rng;
+    use headbox_cube::model::parameters::CaptureParameters;
+    use headbox_scene::material::Material;
+    use headbox_scene::scene::{Scene, Triangle};
+    use headbox_trace::bvh::{Ray, Tracer};
+    use headbox_trace::light::Lighting;
+    use std::ops::Range;
+    use std::sync::Arc;
+
+    /// Size of a face, px. A pixel is 0.25 m wide at a distance of 60 m.
+    const SIZE: u32 = 480;
+    /// Pixels of the square that is filled with triangles and measured, along each axis.
+    const MIDDLE: Range<u32> = 228..252;
+
+    /// Triangles of about `size_m` at random places of a square at 60 m, up to `depth_m` behind
+    /// it.
+    fn cloud(count: u32, size_m: f64, depth_m: f64) -> Scene {
+        let mut scene = Scene::default();
+        scene.materials.push(Material::default());
+        let mut random = Rng::new(3);
+        let mut from = |low: f64, high: f64| low + (high - low) * random.unit();
+        for i in 0..count {
+            let middle = dvec3(from(-4.0, 4.0), from(-4.0, 4.0), -60.0 - from(0.0, depth_m));
+            for _ in 0..3 {
+                let mut offset = || from(-size_m, size_m) / 2.0;
+                let corner = dvec3(offset(), offset(), offset() * depth_m.min(1.0));
+                scene.positions.push(middle + corner);
+            }
+            scene.triangles.push(Triangle {
+                vertices: [0, 1, 2].map(|corner| 3 * i + corner),
+                material: 0,
+            });
+        }
+        scene
+    }
+
+    /// Share of the middle that a scene covers: by the alphas of a capture, and by rays.
+    fn covered_shares(scene: Scene) -> [f64; 2] {
+        let spec = CaptureSpec {
+            face_size_px: SIZE,
+            parameters: CaptureParameters::unlit(16, 16),
+            ..CaptureSpec::new(SceneSource::new("test"), DVec3::ZERO, 0.3)
+        };
+        let tracer = Tracer::new(Arc::new(scene), spec.centre);
+        let lighting = Lighting::unmetered(&tracer, 1);
+        let options = RunOptions::default();
+        let cube = SceneCapture::new(&spec, &tracer, &lighting, &options)
+            .run()
+            .expect("no file")
+            .0;
+        let face = &cube.faces[Face::NegZ.index()];
+        let mut random = Rng::new(4);
+        let (mut captured, mut met) = (0.0, 0.0);
+        for [x, y] in MIDDLE.flat_map(|y| MIDDLE.map(move |x| [x, y])) {
+            let alphas = face.pixel(x, y).iter().map(|it| it.color_srgb[3]);
+            captured += 1.0
+                - alphas
+                    .map(|it| 1.0 - f64::from(it) / 255.0)
+                    .product::<f64>();
+            for _ in 0..64 {
+                let [column, row] = [x, y].map(|pixel| f64::from(pixel) + random.unit());
+                let ray = Ray {
+                    origin: Vec3::ZERO,
+                    direction: Face::NegZ.direction(column, row, SIZE).as_vec3(),
+                    t_min: 0.0,
+                    t_max: f32::INFINITY,
+                };
+                met += f64::from(u8::from(tracer.occluded(&ray))) / 64.0;
+            }
+        }
+        [captured, met].map(|sum| sum / (MIDDLE.len() as f64).powi(2))
+    }
+
+    #[test]
+    fn triangles_smaller_than_a_pixel_cover_what_rays_meet() {
+        for (count, size_m, depth_m) in [
+            (1000, 0.3, 4.0),
+            (4000, 0.3, 4.0),
+            (12_000, 0.3, 4.0),
+            (12_000, 0.3, 0.0),
+            (60_000, 0.3, 4.0),
+            (40_000, 0.1, 0.0),
+            (2000, 0.6, 4.0),
+            (2000, 0.6, 0.0),
+        ] {
+            let [captured, met] = covered_shares(cloud(count, size_m, depth_m));
+            eprintln!(
+                "{count} of {size_m} m: {captured:.4} instead of {met:.4}: {}",
+                captured / met
+            );
+        }
+    }
 }

@@ -67,7 +67,7 @@ pub(crate) fn light_and_merge(
             merge_pixel(surfaces.pixel(x, y), rule, lighting.tone, &bins, out);
         });
         drop(surfaces);
-        merged.measure_alphas(tracer, &bins, spec.half_size_m, |_, _| true);
+        merged.measure_alphas(tracer, &bins, spec.half_size_m);
         faces.push(merged.ldi);
     }
     Ok(CubeSamples {

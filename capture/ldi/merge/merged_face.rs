@@ -60,24 +60,43 @@ impl MergedFace {
             .zip(self.spans[first..].iter().copied())
     }
 
-    /// Measures the alphas of the pixels (x, y) that `is_selected` accepts.
-    pub(crate) fn measure_alphas(
+    /// Measures the alphas.
+    pub(crate) fn measure_alphas(&mut self, tracer: &Tracer, bins: &DepthBins, half_size_m: f64) {
+        let alphas = self.alpha_measure(tracer, bins, half_size_m).alphas();
+        self.set_alphas(&alphas);
+    }
+
+    /// Measures the alphas of rims in the pixels (x, y) that `is_selected` accepts.
+    pub(crate) fn measure_rim_alphas(
         &mut self,
         tracer: &Tracer,
         bins: &DepthBins,
         half_size_m: f64,
         is_selected: impl Fn(u32, u32) -> bool + Sync,
     ) {
-        let alphas = AlphaMeasure {
+        let measure = self.alpha_measure(tracer, bins, half_size_m);
+        let alphas = measure.rim_alphas(is_selected);
+        self.set_alphas(&alphas);
+    }
+
+    fn alpha_measure<'a>(
+        &'a self,
+        tracer: &'a Tracer,
+        bins: &'a DepthBins,
+        half_size_m: f64,
+    ) -> AlphaMeasure<'a> {
+        AlphaMeasure {
             tracer,
             bins,
             half_size_m,
             face: &self.ldi,
             spans: &self.spans,
         }
-        .alphas(is_selected);
+    }
+
+    fn set_alphas(&mut self, alphas: &[u8]) {
         for (sample, alpha) in self.ldi.samples.iter_mut().zip(alphas) {
-            sample.color_srgb[3] = alpha;
+            sample.color_srgb[3] = *alpha;
         }
     }
 }

@@ -119,7 +119,7 @@ impl GeometryCube {
             }
         });
         drop((surfaces, before));
-        after.measure_alphas(tracer, &bins, spec.half_size_m, |x, y| {
+        after.measure_rim_alphas(tracer, &bins, spec.half_size_m, |x, y| {
             is_in(&measured, x, y)
         });
         *face_ldi = after.ldi;
