@@ -34,22 +34,58 @@ struct Partner {
     primitive: u32,
     /// True if it faces the other way.
     is_opposite: bool,
-    /// Bounding box, a little larger than the triangle: a fast test.
-    low: DVec3,
-    high: DVec3,
+    is_single_sided: bool,
+    /// Its weights of the second and third corner, each as a dot product with 1 and those weights
+    /// of the other triangle.
+    weights: [DVec3; 2],
+}
+
+impl Partner {
+    fn new(scene: &Scene, replaced: u32, primitive: u32, is_opposite: bool) -> Self {
+        let [origin, second, third] = scene.corners(replaced);
+        let [a, b, c] = scene.corners(primitive);
+        let normal = (b - a).cross(c - a);
+        let area = normal.length_squared();
+        let gradients = [(c - a).cross(normal) / area, normal.cross(b - a) / area];
+        Self {
+            primitive,
+            is_opposite,
+            is_single_sided: is_single_sided(scene, primitive),
+            weights: gradients.map(|gradient| {
+                let steps = [origin - a, second - origin, third - origin];
+                DVec3::from_array(steps.map(|step| step.dot(gradient)))
+            }),
+        }
+    }
+
+    /// Returns its weights where the other triangle has the weights `u` and `v`; `None` outside.
+    #[inline]
+    fn weights(&self, u: f32, v: f32) -> Option<[f32; 2]> {
+        // Border points of neighbours belong to one of them in spite of rounding.
+        const ROUNDING: f64 = 1e-9;
+        let point = DVec3::new(1.0, f64::from(u), f64::from(v));
+        let [u, v] = self.weights.map(|weights| weights.dot(point));
+        let is_inside = u >= -ROUNDING && v >= -ROUNDING && u + v <= 1.0 + ROUNDING;
+        is_inside.then(|| {
+            let u = u.clamp(0.0, 1.0);
+            [u as f32, v.clamp(0.0, 1.0 - u) as f32]
+        })
+    }
 }
 
 /// Triangles of a scene that overlap others in one plane. Triangles with the same material and
 /// orientation count only where a third triangle differs.
 #[derive(Debug, Default)]
 pub struct CoplanarTriangles {
-    /// Triangles that others may replace, sorted, each with the end of its run in `partners`.
-    runs: Vec<(u32, u32)>,
+    /// Ends of the runs in `partners`, one run for each triangle that others may replace.
+    run_ends: Vec<u32>,
     /// Those that face the same way and are later in the file, then all that face the other way;
     /// of each the last one in the file first.
     partners: Vec<Partner>,
-    /// Bit set of the triangles in `runs`: a fast test at every hit, nearly always false.
+    /// Bit set of the triangles that have a run: a fast test at every hit, nearly always false.
     shared: Vec<u64>,
+    /// Number of bits that are set before each word of `shared`.
+    shared_before: Vec<u32>,
     conflicts: usize,
 }
 
@@ -133,19 +169,26 @@ impl CoplanarTriangles {
                             .iter()
                             .any(|nearer| hides_copy(scene, nearer.primitive, partner))
                     {
-                        found.partners.push(planes.partner(partner, is_opposite));
+                        found
+                            .partners
+                            .push(Partner::new(scene, primitive, partner, is_opposite));
                     }
                 }
             }
-            found.runs.push((primitive, found.partners.len() as u32));
+            found.run_ends.push(found.partners.len() as u32);
             found.shared[primitive as usize / 64] |= 1 << (primitive % 64);
+        }
+        let mut count = 0;
+        for word in &found.shared {
+            found.shared_before.push(count);
+            count += word.count_ones();
         }
         found
     }
 
     /// Returns true if no triangle replaces another.
     pub fn is_empty(&self) -> bool {
-        self.runs.is_empty()
+        self.run_ends.is_empty()
     }
 
     /// Returns the number of triangles that overlap one of another material.
@@ -162,42 +205,37 @@ impl CoplanarTriangles {
     }
 
     fn partners(&self, primitive: u32) -> &[Partner] {
-        let Ok(i) = self.runs.binary_search_by_key(&primitive, |run| run.0) else {
+        if !self.is_shared(primitive) {
             return &[];
-        };
-        let start = i.checked_sub(1).map_or(0, |before| self.runs[before].1);
-        &self.partners[start as usize..self.runs[i].1 as usize]
+        }
+        let word = primitive as usize / 64;
+        let before = self.shared[word] & ((1 << (primitive % 64)) - 1);
+        let run = (self.shared_before[word] + before.count_ones()) as usize;
+        let start = run.checked_sub(1).map_or(0, |before| self.run_ends[before]);
+        &self.partners[start as usize..self.run_ends[run] as usize]
     }
 
-    /// Returns the triangle that a ray along `direction` meets where it hits triangle `primitive`
-    /// at barycentric weights `u` and `v`, and its weights there: of the overlapping triangles that
-    /// contain the point, one that faces the ray if there is one, and the last of several.
-    /// `is_opaque` returns false in holes of a triangle.
+    /// Returns the triangle that a ray meets where it hits triangle `primitive` at barycentric
+    /// weights `u` and `v`, and its weights there: of the overlapping triangles that contain the
+    /// point, one that faces the ray if there is one, and the last of several. `is_facing` is true
+    /// if the triangle that is hit faces the ray; `is_opaque` returns false in holes of a triangle.
     pub fn resolve(
         &self,
-        scene: &Scene,
-        direction: DVec3,
+        is_facing: bool,
         (primitive, u, v): (u32, f32, f32),
         is_opaque: impl Fn(u32, [f32; 2]) -> bool,
     ) -> (u32, f32, f32) {
-        let [a, b, c] = scene.corners(primitive);
-        let point = a + (b - a) * f64::from(u) + (c - a) * f64::from(v);
         let partners = self.partners(primitive);
         let (same, opposite) = partners.split_at(partners.partition_point(|it| !it.is_opposite));
         let find = |partners: &[Partner], may_be_single_sided: bool| {
-            partners.iter().find_map(|partner| {
-                if point.cmplt(partner.low).any() || point.cmpgt(partner.high).any() {
-                    return None;
-                }
-                let primitive = partner.primitive;
-                if !may_be_single_sided && is_single_sided(scene, primitive) {
-                    return None;
-                }
-                let [u, v] = weights(scene.corners(primitive), point)?;
-                is_opaque(primitive, [u, v]).then_some((primitive, u, v))
+            let mut partners = partners.iter();
+            partners.find_map(|partner| {
+                let [u, v] = partner.weights(u, v)?;
+                let is_met = (may_be_single_sided || !partner.is_single_sided)
+                    && is_opaque(partner.primitive, [u, v]);
+                is_met.then_some((partner.primitive, u, v))
             })
         };
-        let is_facing = (b - a).cross(c - a).dot(direction) < 0.0;
         let met = if is_facing {
             find(same, true)
         } else {
@@ -225,22 +263,6 @@ fn hides_copy(scene: &Scene, primitive: u32, copy: u32) -> bool {
     material.is_some_and(|material| material.cutout.is_none() && !material.single_sided)
 }
 
-/// Returns the barycentric weights of the second and third corner at a point in the plane of a
-/// triangle; `None` outside.
-fn weights([a, b, c]: [DVec3; 3], point: DVec3) -> Option<[f32; 2]> {
-    // Border points of neighbours belong to one of them in spite of rounding.
-    const ROUNDING: f64 = 1e-9;
-    let normal = (b - a).cross(c - a);
-    let area = normal.length_squared();
-    let u = (point - a).cross(c - a).dot(normal) / area;
-    let v = (b - a).cross(point - a).dot(normal) / area;
-    let is_inside = u >= -ROUNDING && v >= -ROUNDING && u + v <= 1.0 + ROUNDING;
-    is_inside.then(|| {
-        let u = u.clamp(0.0, 1.0);
-        [u as f32, v.clamp(0.0, 1.0 - u) as f32]
-    })
-}
-
 /// Search for equal planes: a plane is a linear function over the two axes other than the largest
 /// one of its normal, with two slopes and an offset.
 struct Planes<'a> {
@@ -257,15 +279,54 @@ struct Overlap {
     partner: Option<(bool, u32)>,
 }
 
-/// A triangle projected along the largest axis of its normal.
+/// A triangle, also projected along the largest axis of its normal.
 struct PlanarTriangle {
     primitive: u32,
-    material: u32,
-    /// True if the normal points along the axis.
-    is_up: bool,
-    corners: [DVec2; 3],
+    /// Material, and true if the normal points along the axis.
+    class: (u32, bool),
+    corners: [DVec3; 3],
+    /// The largest absolute coordinate of the corners.
+    extent: f64,
+    /// The unit normal, and twice the area.
+    normal: (DVec3, f64),
+    projected: [DVec2; 3],
+    /// Unit perpendiculars of the edges, and the projected triangle's range along each.
+    sides: [(DVec2, [f64; 2]); 3],
     low: DVec2,
     high: DVec2,
+}
+
+impl PlanarTriangle {
+    /// Returns true if two triangles lie in one plane and have a common area.
+    fn overlaps(&self, other: &Self) -> bool {
+        if self.low.cmpge(other.high).any() || other.low.cmpge(self.high).any() {
+            return false;
+        }
+        let tolerance = self.extent.max(other.extent) * DISTANCE_SHARE;
+        // The plane of the larger one, because that is the more precise.
+        let (larger, smaller) = if self.normal.1 >= other.normal.1 {
+            (self, other)
+        } else {
+            (other, self)
+        };
+        let distance = |corner: DVec3| (corner - larger.corners[0]).dot(larger.normal.0).abs();
+        if smaller.corners.iter().any(|&it| distance(it) > tolerance) {
+            return false;
+        }
+        // Separating axes: the perpendiculars of all edges.
+        let is_separated = |a: &Self, b: &Self| {
+            a.sides.iter().any(|&(axis, [a0, a1])| {
+                let [b0, b1] = range_along(axis, b.projected);
+                a1.min(b1) - a0.max(b0) <= tolerance
+            })
+        };
+        !is_separated(self, other) && !is_separated(other, self)
+    }
+}
+
+fn range_along(axis: DVec2, corners: [DVec2; 3]) -> [f64; 2] {
+    let [a, b, c] = corners.map(|corner| corner.dot(axis));
+    [a.min(b).min(c), a.max(b).max(c)]
 }
 
 impl Planes<'_> {
@@ -275,19 +336,6 @@ impl Planes<'_> {
         let [a, b, c] = self.scene.corners(primitive);
         let normal = (b - a).cross(c - a);
         ([a - self.middle, b - self.middle, c - self.middle], normal)
-    }
-
-    fn partner(&self, primitive: u32, is_opposite: bool) -> Partner {
-        let corners = self.scene.corners(primitive);
-        let extents = corners.map(|corner| (corner - self.middle).abs().max_element());
-        let margin = DVec3::splat(2.0 * DISTANCE_SHARE * extents.into_iter().fold(0.0, f64::max));
-        let [a, b, c] = corners;
-        Partner {
-            primitive,
-            is_opposite,
-            low: a.min(b).min(c) - margin,
-            high: a.max(b).max(c) + margin,
-        }
     }
 
     /// Adds the cells of a triangle's plane, usually one.
@@ -326,121 +374,100 @@ impl Planes<'_> {
         let (_, normal) = self.local(group[0].1);
         let size = normal.abs();
         let axis = (0..3).fold(0, |a, b| if size[b] > size[a] { b } else { a });
-        let mut members: Vec<PlanarTriangle> = group
+        let members: Vec<PlanarTriangle> = group
             .iter()
             .map(|&(_, primitive)| self.project(primitive, axis))
             .collect();
-        let class = |member: &PlanarTriangle| (member.material, member.is_up);
-        if members.iter().all(|m| class(m) == class(&members[0])) {
-            return Vec::new();
-        }
-        members.sort_unstable_by_key(|member| member.primitive);
         let mut found = Vec::new();
-        let all: Vec<&PlanarTriangle> = members.iter().collect();
-        self.divide(all, 0, &mut found);
+        divide(members.iter().collect(), 0, &mut found);
         found
     }
 
     fn project(&self, primitive: u32, axis: usize) -> PlanarTriangle {
         let (corners, normal) = self.local(primitive);
         let [x, y] = others(axis);
-        let corners = corners.map(|p| DVec2::new(p[x], p[y]));
+        let projected = corners.map(|p| DVec2::new(p[x], p[y]));
+        let material = self.scene.triangles[primitive as usize].material;
+        let [p, q, r] = projected;
+        let sides = [q - p, r - q, p - r].map(|edge| {
+            let axis = edge.perp().normalize_or_zero();
+            (axis, range_along(axis, projected))
+        });
+        let [a, b, c] = corners.map(|corner| corner.abs().max_element());
         PlanarTriangle {
             primitive,
-            material: self.scene.triangles[primitive as usize].material,
-            is_up: normal[axis] > 0.0,
+            class: (material, normal[axis] > 0.0),
             corners,
-            low: corners[0].min(corners[1]).min(corners[2]),
-            high: corners[0].max(corners[1]).max(corners[2]),
+            extent: a.max(b).max(c),
+            normal: (normal.normalize_or_zero(), normal.length()),
+            projected,
+            sides,
+            low: p.min(q).min(r),
+            high: p.max(q).max(r),
         }
     }
+}
 
-    /// Finds the pairs among `members`, which are sorted, by halving their bounding box.
-    fn divide(&self, members: Vec<&PlanarTriangle>, depth: usize, found: &mut Vec<Overlap>) {
-        if members.len() > SMALL_GROUP && depth < MAX_DEPTH {
-            let (low, high) = members.iter().fold(
-                (DVec2::INFINITY, DVec2::NEG_INFINITY),
-                |(low, high), member| (low.min(member.low), high.max(member.high)),
-            );
-            let axis = usize::from(high.y - low.y > high.x - low.x);
-            let middle = (low[axis] + high[axis]) / 2.0;
-            let half = |is_in: &dyn Fn(&PlanarTriangle) -> bool| -> Vec<&PlanarTriangle> {
-                let members = members.iter().copied();
-                members.filter(|&member| is_in(member)).collect()
-            };
-            let lower = half(&|member| member.low[axis] <= middle);
-            let upper = half(&|member| member.high[axis] >= middle);
-            // Otherwise most of them cross the middle.
-            if lower.len() + upper.len() < members.len() * 3 / 2 {
-                drop(members);
-                self.divide(lower, depth + 1, found);
-                self.divide(upper, depth + 1, found);
-                return;
-            }
-        }
-        for a in &members {
-            let (mut has_other_material, mut count) = (false, 0);
-            // The last ones in the file first, as only so many are kept.
-            for b in members.iter().rev().filter(|b| b.primitive != a.primitive) {
-                let is_opposite = a.is_up != b.is_up;
-                let is_partner = is_opposite || b.primitive > a.primitive;
-                let is_news = !has_other_material && a.material != b.material;
-                if !(is_partner || is_news) || !self.overlap(a, b) {
-                    continue;
-                }
-                has_other_material |= a.material != b.material;
-                found.push(Overlap {
-                    primitive: a.primitive,
-                    has_other_material,
-                    partner: is_partner.then_some((is_opposite, b.primitive)),
-                });
-                count += 1;
-                if count == MAX_PARTNERS {
-                    break;
-                }
-            }
+/// Finds the overlaps among triangles in about one plane, sorted by primitive, by halving their
+/// bounding box.
+fn divide(members: Vec<&PlanarTriangle>, depth: usize, found: &mut Vec<Overlap>) {
+    if members.iter().all(|it| it.class == members[0].class) {
+        return;
+    }
+    if members.len() > SMALL_GROUP && depth < MAX_DEPTH {
+        let (low, high) = members.iter().fold(
+            (DVec2::INFINITY, DVec2::NEG_INFINITY),
+            |(low, high), member| (low.min(member.low), high.max(member.high)),
+        );
+        let axis = usize::from(high.y - low.y > high.x - low.x);
+        let middle = (low[axis] + high[axis]) / 2.0;
+        let half = |is_in: &dyn Fn(&PlanarTriangle) -> bool| -> Vec<&PlanarTriangle> {
+            let members = members.iter().copied();
+            members.filter(|&member| is_in(member)).collect()
+        };
+        let lower = half(&|member| member.low[axis] <= middle);
+        let upper = half(&|member| member.high[axis] >= middle);
+        // Otherwise most of them cross the middle.
+        if lower.len() + upper.len() < members.len() * 3 / 2 {
+            drop(members);
+            divide(lower, depth + 1, found);
+            divide(upper, depth + 1, found);
+            return;
         }
     }
-
-    /// Returns true if two triangles lie in one plane and have a common area.
-    fn overlap(&self, a: &PlanarTriangle, b: &PlanarTriangle) -> bool {
-        if a.low.cmpge(b.high).any() || b.low.cmpge(a.high).any() {
-            return false;
+    // The last ones in the file first, as only so many are kept.
+    let from_last = || members.iter().rev();
+    for a in &members {
+        let (before, mut has_other_material) = (found.len(), false);
+        for b in from_last().filter(|b| b.class != a.class) {
+            let ((material, is_up), (other_material, other_is_up)) = (a.class, b.class);
+            let is_opposite = is_up != other_is_up;
+            let is_partner = is_opposite || b.primitive > a.primitive;
+            let is_news = !has_other_material && material != other_material;
+            if !(is_partner || is_news) || !a.overlaps(b) {
+                continue;
+            }
+            has_other_material |= material != other_material;
+            found.push(Overlap {
+                primitive: a.primitive,
+                has_other_material,
+                partner: is_partner.then_some((is_opposite, b.primitive)),
+            });
+            if found.len() - before == MAX_PARTNERS {
+                break;
+            }
         }
-        let ((p, first), (q, second)) = (self.local(a.primitive), self.local(b.primitive));
-        let extent = |corners: &[DVec3; 3]| {
-            let sizes = corners.map(|corner| corner.abs().max_element());
-            sizes.into_iter().fold(0.0, f64::max)
-        };
-        let tolerance = extent(&p).max(extent(&q)) * DISTANCE_SHARE;
-        // The plane of the larger one, because that is the more precise.
-        let (plane, corners, normal) = if first.length_squared() >= second.length_squared() {
-            (p[0], q, first)
-        } else {
-            (q[0], p, second)
-        };
-        let normal = normal.normalize_or_zero();
-        if corners
-            .iter()
-            .any(|&corner| (corner - plane).dot(normal).abs() > tolerance)
-        {
-            return false;
+        // Of its own class, the later ones count where one of another class does.
+        if found.len() == before {
+            continue;
         }
-        // Separating axes: the perpendiculars of all edges.
-        let edges = |t: &[DVec2; 3]| [t[1] - t[0], t[2] - t[1], t[0] - t[2]];
-        let both = [edges(&a.corners), edges(&b.corners)];
-        both.as_flattened().iter().all(|edge| {
-            let axis = edge.perp().normalize_or_zero();
-            let range = |t: &[DVec2; 3]| {
-                let along = t.map(|corner| corner.dot(axis));
-                [
-                    along.into_iter().fold(f64::INFINITY, f64::min),
-                    along.into_iter().fold(f64::NEG_INFINITY, f64::max),
-                ]
-            };
-            let ([a0, a1], [b0, b1]) = (range(&a.corners), range(&b.corners));
-            a1.min(b1) - a0.max(b0) > tolerance
-        })
+        let later = from_last().take_while(|b| b.primitive > a.primitive);
+        let twins = later.filter(|b| b.class == a.class && a.overlaps(b));
+        found.extend(twins.take(MAX_PARTNERS).map(|b| Overlap {
+            primitive: a.primitive,
+            has_other_material,
+            partner: Some((false, b.primitive)),
+        }));
     }
 }
 

@@ -50,9 +50,9 @@ impl PixelShader<'_> {
         let corners = mesh.corners(&mesh.triangles[primitive as usize]);
         let weights = CornerWeights::new(self.view, corners).evaluate(x, y);
         let [column, row] = [x, y].map(|pixel| f64::from(pixel) + 0.5);
+        let normal = scene.geometric_normal(primitive).as_dvec3();
         let (met, ..) = mesh.coplanar.resolve(
-            scene,
-            self.camera.direction(column, row),
+            normal.dot(self.camera.direction(column, row)) < 0.0,
             (primitive, weights.y, weights.z),
             |primitive, [u, v]| scene.is_solid(primitive, u, v),
         );

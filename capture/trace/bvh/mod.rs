@@ -196,9 +196,9 @@ impl Tracer {
         if !self.coplanar.is_shared(hit.primitive) {
             return hit;
         }
+        let is_facing = self.geometric_normal(hit.primitive).dot(direction) < 0.0;
         let (primitive, u, v) = self.coplanar.resolve(
-            &self.scene,
-            direction.as_dvec3(),
+            is_facing,
             (hit.primitive, hit.u, hit.v),
             |primitive, weights| self.cutouts.is_opaque(&self.scene, primitive, weights),
         );
