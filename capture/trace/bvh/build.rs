@@ -4,6 +4,7 @@
 use super::MAX_COORDINATE;
 use super::cutout::Cutouts;
 use super::tree::{BLOCK, Block, Bounds, Child, Node, Tree, WIDTH};
+use crate::sampler::{random4, unit_float};
 use glam::{DVec3, Vec3, Vec3A};
 use headbox_scene::scene::Scene;
 use obvhs::bvh2::builder::build_bvh2;
@@ -75,11 +76,7 @@ pub(super) fn build(scene: &Scene, origin: DVec3, cutouts: &Cutouts) -> Tree {
     }
     let triangles: Vec<Triangle> = solid
         .par_iter()
-        .map(|(_, [a, b, c])| Triangle {
-            v0: Vec3A::from(*a),
-            v1: (*b).into(),
-            v2: (*c).into(),
-        })
+        .map(|(primitive, triangle)| jitter(*primitive, triangle))
         .collect();
     let binary = build_bvh2(&triangles, PARAMS, &mut Duration::default());
     let has_cutout = |primitive: u32| cutouts.has(scene.triangles[primitive as usize].material);
@@ -92,6 +89,23 @@ pub(super) fn build(scene: &Scene, origin: DVec3, cutouts: &Cutouts) -> Tree {
         tree: Tree::default(),
     }
     .run()
+}
+
+/// Moves a triangle by a small share of its size, at random. Clustering joins two boxes that are
+/// each other's best partner; among boxes that are equal or in a row, all would prefer the same
+/// side, and each round would join only a few of them. The final boxes are those of the triangles
+/// where they are.
+fn jitter(primitive: u32, triangle: &[Vec3; 3]) -> Triangle {
+    const SHARE: f32 = 1.0 / 128.0;
+    let [a, b, c] = triangle.map(Vec3A::from);
+    let size = a.max(b).max(c) - a.min(b).min(c);
+    let [x, y, z, _] = random4([primitive, 0, 0, 0xb0c5]).map(unit_float);
+    let offset = (Vec3A::new(x, y, z) - 0.5) * size * SHARE;
+    Triangle {
+        v0: a + offset,
+        v1: b + offset,
+        v2: c + offset,
+    }
 }
 
 /// The collapse of the binary tree into nodes of eight children.
