@@ -150,7 +150,11 @@ impl TruthCommand {
         let scene = Arc::new(self.scene.source().open()?);
         outputs.add_scene(&scene)?;
         let (camera, tracer) = self.camera.aim(&scene)?;
-        let place = metering_place(&tracer, camera.eye());
+        let place = if self.unlit {
+            camera.eye() // nothing is metered
+        } else {
+            metering_place(&tracer, camera.eye())
+        };
         let bounces = self.bounces.unwrap_or(CaptureParameters::DEFAULT.bounces);
         let lighting = Lighting::prepare_paths(&tracer, place, bounces, !self.unlit);
         let half_size_m = match self.images {
