@@ -86,9 +86,10 @@ open(f"{out}/damaged.html", "w", encoding="utf-8", newline="").write(page[:at] +
 open(f"{out}/old.js", "w").write("HTMLCanvasElement.prototype.getContext = () => null;")
 PY
 .ci/page.py 320x240 "file://$here/damaged.html" "$out/damaged.png" | tee "$out/damaged.txt"
-grep -q 'of this page is damaged' "$out/damaged.txt"
+grep -q 'This page is damaged' "$out/damaged.txt"
 .ci/page.py 320x240 --before "$out/old.js" "file://$here/samples.ldi.html" "$out/old.png" | tee "$out/old.txt"
 grep -q 'no WebGL 2' "$out/old.txt"
+.ci/damaged_page.py "$out/samples.ldi.html"
 .ci/controls.py "file://$here/samples.ldi.html"
 .ci/controls.py "file://$here/layers.sprite.html"
 # A headset, emulated by iwer, where npm can fetch it.
@@ -134,7 +135,7 @@ for browser in firefox webkit; do
     done
     LIBGL_ALWAYS_SOFTWARE=1 xvfb-run -a -s "-screen 0 1280x1024x24" .ci/browsers.py $browser 512x240 "$@" "file://$here/damaged.html" \
         "$out/damaged.$browser.png" | tee "$out/$browser.txt"
-    grep -q 'of this page is damaged' "$out/$browser.txt"
+    grep -q 'This page is damaged' "$out/$browser.txt"
     for name in planes.ldi home.house statue.lumi layers.sprite; do
         near "$out/$name.wide.png" "$out/$name.$browser.png" $most "$name in $browser"
     done

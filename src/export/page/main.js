@@ -2,7 +2,7 @@
 import { lookAlong } from './camera.js';
 import { Controls } from './controls.js';
 import { enter, offer } from './headset.js';
-import { parts } from './payload.js';
+import { parts, readHeader } from './payload.js';
 import { Renderer } from './renderer.js';
 import { View } from './view.js';
 
@@ -16,7 +16,7 @@ const say = (text) => (byId('status').textContent = text);
 
 class Page {
   constructor() {
-    this.header = JSON.parse(byId('header').textContent);
+    this.header = readHeader(byId('header'));
     this.canvas = byId('canvas');
     this.view = new View(this.header);
     this.ui = this.view.restore(location.hash).ui;
@@ -154,14 +154,15 @@ class Page {
   }
 }
 
-/** Says what went wrong; the poster stays. */
+/** Says what went wrong, or what the watchdog found; the poster stays. */
 function fail(error) {
   document.body.classList.add('failed');
   byId('progress').hidden = true;
-  say(error.message);
+  say(document.body.dataset.damage ?? error.message);
   byId('status').setAttribute('role', 'alert');
 }
 
+document.body.dataset.viewer = 'started';
 try {
   if (!('DecompressionStream' in globalThis)) throw new Error('This browser is too old for this page: it has no DecompressionStream.');
   const page = new Page();

@@ -5,6 +5,10 @@
 //! (`cube`, `house`, `lumigraph`, `sprite`), which are concatenated in the page. Every
 //! representation provides a `renderer.js`, and the rule for valid eye positions: `place.js` or,
 //! with a headbox, `headbox.js`.
+//!
+//! A page says so if it is damaged or was cut: `watchdog.js` is a script of its own that comes before
+//! all else. It knows the number of bytes of the data, and checks that the page has an end and that
+//! the viewer starts and goes on. The viewer verifies a CRC-32 of the header and of each part.
 
 mod cube;
 mod house;
@@ -46,6 +50,8 @@ const LAST_MODULES: [&str; 4] = [
     include_str!("headset.js"),
     include_str!("main.js"),
 ];
+/// Script that runs before everything else of the page.
+const WATCHDOG: &str = include_str!("watchdog.js");
 const TEMPLATE: &str = include_str!("page.html");
 const STYLE: &str = include_str!("page.css");
 
@@ -148,22 +154,28 @@ impl Page {
             .into_par_iter()
             .map(pack_part)
             .collect::<Result<Vec<_>, io::Error>>()?;
-        check_size(parts.iter().map(|part| part.text.len() as u64).sum())?;
+        let text_bytes = parts.iter().map(|part| part.text.len() as u64).sum();
+        check_size(text_bytes)?;
         header["name"] = name.into();
         header["parts"] = parts.iter().map(|part| part.header.clone()).collect();
         let script = script(content.modules);
         let policy = format!(
-            "default-src 'none'; img-src data:; style-src {}; script-src {}",
+            "default-src 'none'; img-src data:; style-src {}; script-src {} {}",
             policy_source(STYLE),
+            policy_source(WATCHDOG),
             policy_source(&script)
         );
+        let header = header.to_string().replace('<', "\\u003c");
         let slots = [
             ("POLICY", policy),
+            ("BYTES", text_bytes.to_string()),
+            ("WATCHDOG", WATCHDOG.into()),
             ("TITLE", escape(name)),
             ("STYLE", STYLE.into()),
             ("POSTER", text::base64(&content.poster)),
             ("SCRIPT", script),
-            ("HEADER", header.to_string().replace('<', "\\u003c")),
+            ("CRC32", crc32fast::hash(header.as_bytes()).to_string()),
+            ("HEADER", header),
         ];
         Ok(Self {
             before: fill(TEMPLATE, &slots),
@@ -184,7 +196,7 @@ impl Page {
                 part.text
             )?;
         }
-        to.write_all(b"</body>\n</html>\n")
+        to.write_all(b"<p id=\"end\" hidden></p>\n</body>\n</html>\n")
     }
 }
 
@@ -250,10 +262,10 @@ fn pack(part: Part) -> io::Result<PackedPart> {
     let mut header = part.header;
     header["bytes"] = part.bytes.len().into();
     header["packed"] = packed.len().into();
-    Ok(PackedPart {
-        header,
-        text: text::encode(&packed),
-    })
+    header["crc32"] = crc32fast::hash(&packed).into();
+    let text = text::encode(&packed);
+    header["text"] = text.len().into();
+    Ok(PackedPart { header, text })
 }
 
 /// Encodes the environment: red, green, blue and alpha in separate arrays, each byte as the
@@ -320,9 +332,58 @@ mod tests {
 
     #[test]
     fn every_slot_of_the_template_is_filled() {
-        let names = ["POLICY", "TITLE", "STYLE", "POSTER", "SCRIPT", "HEADER"];
+        let names = [
+            "POLICY", "BYTES", "WATCHDOG", "TITLE", "STYLE", "POSTER", "SCRIPT", "CRC32", "HEADER",
+        ];
         let page = fill(TEMPLATE, &names.map(|name| (name, String::new())));
         assert!(!page.contains('@'), "{page}");
+    }
+
+    #[test]
+    fn page_declares_size_and_checksums_before_data() {
+        let part = |i: u8| Part {
+            header: json!({"kind": "test"}),
+            bytes: (0..1000).map(|k: u32| (k * k) as u8 ^ i).collect(),
+        };
+        let content = Content {
+            header: json!({}),
+            parts: vec![part(3), part(5)],
+            poster: vec![1, 2, 3],
+            modules: cube::MODULES,
+        };
+        let page = Page::from_content(content, "a < b", &Silent).expect("small");
+        let mut bytes = Vec::new();
+        page.write(&mut bytes).expect("in memory");
+        let html = String::from_utf8(bytes).expect("UTF-8");
+        let between = |start: &str, end: &str| {
+            let (_, rest) = html.split_once(start).expect(start);
+            rest.split_once(end).expect(end).0
+        };
+        let declared = between("\"headbox-bytes\" content=\"", "\"");
+        let of_texts: usize = page.parts.iter().map(|part| part.text.len()).sum();
+        assert_eq!(declared, of_texts.to_string());
+        // The first script is the watchdog, and the policy allows it and the viewer.
+        let watchdog = between("<script>\n", "</script>");
+        assert!(watchdog == WATCHDOG && html.find(watchdog) < html.find("<style>"));
+        let viewer = between("<script type=\"module\" async>\n", "</script>");
+        for script in [watchdog, viewer] {
+            assert!(between("script-src ", "\"").contains(&policy_source(script)));
+        }
+        let tag_and_header = between("id=\"header\" data-crc32=\"", "</script>");
+        let (checksum, header) = tag_and_header.split_once("\">").expect("a tag");
+        assert_eq!(checksum, crc32fast::hash(header.as_bytes()).to_string());
+        let header: Value = serde_json::from_str(header).expect("JSON");
+        for (declared, part) in header["parts"]
+            .as_array()
+            .expect("parts")
+            .iter()
+            .zip(&page.parts)
+        {
+            assert_eq!(declared["text"], part.text.len());
+            assert!(declared["crc32"].is_u64() && declared == &part.header);
+        }
+        assert_eq!(html.matches("id=\"end\"").count(), 1, "one end");
+        assert!(html.rfind("id=\"part-1\"") < html.rfind("<p id=\"end\""));
     }
 
     #[test]

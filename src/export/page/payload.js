@@ -1,5 +1,26 @@
 // The data in the page: parts, each in a script element of its own, as text of seven bits a character (text.rs), deflated.
 
+const CRC_TABLE = Uint32Array.from({ length: 256 }, (_, byte) => {
+  for (let bit = 0; bit < 8; bit++) byte = byte & 1 ? (byte >>> 1) ^ 0xedb88320 : byte >>> 1;
+  return byte;
+});
+
+/** The CRC-32 of bytes, as in zlib. */
+function crc32(bytes) {
+  let sum = ~0;
+  for (let i = 0; i < bytes.length; i++) sum = CRC_TABLE[(sum ^ bytes[i]) & 255] ^ (sum >>> 8);
+  return ~sum >>> 0;
+}
+
+const damaged = (what) => new Error(`This page is damaged: ${what}. Export or download it again.`);
+
+/** The header in an element, verified. */
+export function readHeader(holder) {
+  const text = holder.textContent;
+  if (crc32(new TextEncoder().encode(text)) !== Number(holder.dataset.crc32)) throw damaged('its header does not match its checksum');
+  return JSON.parse(text);
+}
+
 const KEPT_OUT = [0, 13, 60];
 
 /** The bytes behind the text of a part. */
@@ -20,7 +41,7 @@ export function bytesOf(text, count) {
   return bytes;
 }
 
-/** What deflate made of a part; its checksum is verified on the way. */
+/** Inflates a part. */
 async function inflate(bytes, count) {
   const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream('deflate'));
   const whole = new Uint8Array(await new Response(stream).arrayBuffer());
@@ -36,7 +57,7 @@ async function element(number) {
     const found = document.getElementById(`part-${number}`);
     const complete = found && (document.getElementById(`part-${number + 1}`) || document.readyState !== 'loading');
     if (complete) return found;
-    if (document.readyState !== 'loading') throw new Error('it is cut off');
+    if (document.readyState !== 'loading') throw damaged(`part ${number + 1} is missing`);
     await pause();
   }
 }
@@ -48,10 +69,13 @@ export async function* parts(header) {
     const holder = await element(number);
     let bytes;
     try {
-      bytes = await inflate(bytesOf(holder.textContent, part.packed), part.bytes);
+      const packed = bytesOf(holder.textContent, part.packed);
+      if (crc32(packed) !== part.crc32) throw new Error('it does not match its checksum');
+      bytes = await inflate(packed, part.bytes);
     } catch (error) {
-      throw new Error(`part ${number + 1} of ${header.parts.length} of this page is damaged (${error.message})`);
+      throw damaged(`part ${number + 1} of ${header.parts.length}: ${error.message}`);
     }
+    holder.dataset.bytes = part.text;
     holder.textContent = '';
     yield [part, bytes];
   }
