@@ -15,17 +15,18 @@
 //! Everything is little-endian. A reader trusts no number before it has checked it against the
 //! length of the file.
 
-mod mapped;
+mod stored;
 #[cfg(test)]
 mod tests;
 
-pub use mapped::MappedSection;
+pub use stored::StoredSection;
 
 use crate::files::write_whole;
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
+use stored::read_exact_at;
 
 #[cfg(target_endian = "big")]
 compile_error!("arrays are written as they lie in memory: little-endian");
@@ -247,7 +248,7 @@ impl<'a> ContainerWriter<'a> {
 /// Open container file whose section table was checked. Sections are read on demand.
 pub struct Container {
     path: PathBuf,
-    file: Mutex<File>,
+    file: Arc<Mutex<File>>,
     sections: Vec<Entry>,
 }
 
@@ -306,7 +307,7 @@ impl Container {
         }
         Ok(Self {
             path: path.into(),
-            file: Mutex::new(file),
+            file: Arc::new(Mutex::new(file)),
             sections,
         })
     }
@@ -323,25 +324,20 @@ impl Container {
             .and_then(|rest| rest.try_into().ok()))
     }
 
-    /// Maps sections into memory.
+    /// Returns sections that stay on disk.
     ///
     /// # Errors
-    /// [`FileError::Damaged`] if one is absent, [`FileError::Io`] if the file cannot be mapped.
-    pub fn mapped<const N: usize>(
+    /// [`FileError::Damaged`] if one is absent.
+    pub fn stored<const N: usize>(
         &self,
         names: [&str; N],
-    ) -> Result<[MappedSection; N], FileError> {
-        let file = self.file.lock().unwrap_or_else(PoisonError::into_inner);
-        let map = mapped::map(&file).map_err(|source| io_error(&self.path, source))?;
-        drop(file);
+    ) -> Result<[StoredSection; N], FileError> {
         let entries = names.map(|name| self.entry(name));
         let entries = entries.into_iter().collect::<Result<Vec<&Entry>, _>>()?;
         // Their ends were checked against the file's.
         let section = |entry: &Entry| {
-            MappedSection::new(
-                Arc::clone(&map),
-                entry.start as usize..(entry.start + entry.length) as usize,
-            )
+            let bytes = entry.start..entry.start + entry.length;
+            StoredSection::new(Arc::clone(&self.file), bytes)
         };
         Ok(std::array::from_fn(|i| section(entries[i])))
     }
@@ -362,12 +358,8 @@ impl Container {
         let entry = self.entry(name)?;
         // The length was checked against the file's, so the allocation is no larger than the file.
         let mut bytes = vec![0; entry.length as usize];
-        let mut file = self.file.lock().unwrap_or_else(PoisonError::into_inner);
-        let read = file
-            .seek(SeekFrom::Start(entry.start))
-            .and_then(|_| file.read_exact(&mut bytes));
-        drop(file);
-        read.map_err(|source| io_error(&self.path, source))?;
+        read_exact_at(&self.file, entry.start, &mut bytes)
+            .map_err(|source| io_error(&self.path, source))?;
         let found = crc32fast::hash(&bytes);
         if found != entry.checksum {
             return Err(damaged(

@@ -21,13 +21,11 @@ fn sections_round_trip() {
     assert_eq!(numbers.array::<u32>(3).unwrap(), [1, 2, 3]);
     numbers.end().unwrap();
     file.section("empty").unwrap().end().unwrap();
-    assert!(file.section("absent").is_err() && file.mapped(["numbers", "absent"]).is_err());
-    let [numbers, empty] = file.mapped(["numbers", "empty"]).unwrap();
-    assert_eq!(
-        (numbers.values::<u32>(), numbers.values::<u64>().len()),
-        ([1, 2, 3].as_slice(), 1)
-    );
-    assert!(empty.values::<f32>().is_empty());
+    assert!(file.section("absent").is_err() && file.stored(["numbers", "absent"]).is_err());
+    let [numbers, empty] = file.stored(["numbers", "empty"]).unwrap();
+    assert_eq!((numbers.len::<u32>(), numbers.len::<u64>()), (3, 1));
+    assert_eq!(numbers.values::<u32>(1..3).unwrap(), [2, 3]);
+    assert!(numbers.values::<u32>(1..4).is_err() && empty.values::<f32>(0..0).unwrap().is_empty());
     assert!(
         file.section("numbers")
             .unwrap()
@@ -35,6 +33,23 @@ fn sections_round_trip() {
             .is_err(),
         "no allocation from a wild count"
     );
+}
+
+#[test]
+fn stored_section_of_truncated_file_is_error() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = write(dir.path());
+    let file = Container::open(&path, KIND).unwrap();
+    let [numbers] = file.stored(["numbers"]).unwrap();
+    assert!(numbers.values::<u32>(0..3).is_ok());
+    // Another program truncates the file while it is open.
+    File::options()
+        .write(true)
+        .open(&path)
+        .unwrap()
+        .set_len(130)
+        .unwrap();
+    assert!(numbers.values::<u32>(0..3).is_err() && file.section("numbers").is_err());
 }
 
 #[test]

@@ -107,7 +107,7 @@ pub struct ViewGeometry {
     /// Mapping from the set's positions to the world.
     pub frame: FileFrame,
     folder: PathBuf,
-    /// Lock on the file that samples are mapped from.
+    /// Lock on the file with the samples.
     _in_use: Option<FileLock>,
     notes: Vec<String>,
 }
@@ -150,25 +150,18 @@ impl ViewGeometry {
         let cameras = match known {
             Some(cameras) => cameras,
             None => {
-                let sampled = sample_views(&views, grid, origin, &pictures, progress)?;
+                let sampled =
+                    sample_views(&views, grid, origin, (&pictures, file.is_some()), progress)?;
                 // A cache that cannot be written only costs time. Written samples need not stay in
                 // memory.
                 let written = file
                     .as_ref()
                     .is_some_and(|file| sample_cache::write(file, &sampled).is_ok());
-                match read_cached().0.filter(|_| written) {
-                    Some(mapped) => {
-                        // Images that are already in memory trigger no verification later.
-                        mapped.iter().zip(&sampled).for_each(|(mapped, sampled)| {
-                            mapped.samples.verify(|| Samples::clone(&sampled.samples));
-                        });
-                        mapped
-                    }
-                    None => sampled,
-                }
+                let stored = read_cached().0.filter(|_| written);
+                stored.unwrap_or(sampled)
             }
         };
-        pictures.set_on_load(sample_cache::verify_on_load(
+        pictures.set_on_load(sample_cache::read_on_load(
             &cameras,
             *grid,
             origin,
@@ -207,7 +200,7 @@ impl ViewGeometry {
         }
     }
 
-    /// Bytes in memory: samples that are not mapped, and images.
+    /// Bytes in memory: samples that are not in a file, and images.
     pub fn bytes(&self) -> usize {
         self.cameras
             .iter()
@@ -222,7 +215,7 @@ impl ViewGeometry {
             .cameras
             .iter()
             .zip(0..)
-            .filter(|(camera, _)| camera.samples.repaired().is_some());
+            .filter(|(camera, _)| camera.samples.is_damaged());
         let sentence = |(_, number)| {
             let name = self.pictures.name(number);
             format!("the samples of {name} in the cache are damaged; they are made anew")
@@ -240,20 +233,26 @@ impl ViewGeometry {
     }
 }
 
-/// Samples the depth of views, and offers their images to the store, as they are loaded anyway.
+/// Samples the depth of views, and offers their images to the store, as they are loaded anyway; with
+/// their samples if these will be stored in a file.
 fn sample_views(
     views: &[View],
     grid: &SampleGrid,
     origin: DVec3,
-    pictures: &PictureStore,
+    (pictures, stores): (&PictureStore, bool),
     progress: &dyn Progress,
 ) -> Result<Vec<RealCamera>, GeometryError> {
     progress.begin("sampling depth", "images", views.len() as u64);
     let camera = |(view, number): (&View, u32)| {
         let loaded = view.load()?;
-        pictures.offer(number, || Picture::new(&loaded));
+        let camera = RealCamera::from_loaded(&loaded, grid, origin);
+        let samples = camera.as_ref().filter(|_| stores);
+        pictures.offer(number, || Picture {
+            samples: samples.map(|camera| Arc::clone(&camera.samples)),
+            ..Picture::new(&loaded)
+        });
         progress.advance(1);
-        Ok(RealCamera::from_loaded(&loaded, grid, origin))
+        Ok(camera)
     };
     let cameras: Result<Vec<Option<RealCamera>>, ImagesError> = views
         .par_iter()

@@ -1,5 +1,6 @@
 //! A camera's image as a texture: linear light, mip levels, and the inverse depth of every texel.
 
+use super::samples::Samples;
 use crate::view_geometry::render::fuse::NO_OWNER;
 use glam::Vec4;
 use headbox_core::color::linear_from_srgb8;
@@ -7,6 +8,7 @@ use headbox_core::image::mip::{MipLevel, OddEdge};
 use headbox_core::image::texels::bilinear;
 use headbox_images::{LoadedView, MAX_DEPTH_M};
 use std::iter::successors;
+use std::sync::Arc;
 
 /// Full linear light in 16 bits.
 const FULL: f32 = 65_535.0;
@@ -18,11 +20,13 @@ const UNKNOWN: u16 = 1;
 pub(super) const LEAST_DEPTH: u16 = 2;
 
 /// An image and its mip levels.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Debug)]
 pub(crate) struct Picture {
     pub(super) levels: Vec<Level>,
     /// Quantisation step of the inverse depth in the texels' fourth channel, 1/m.
     pub(crate) inverse_depth_step: f32,
+    /// Samples of the camera, if they are stored in a file.
+    pub(crate) samples: Option<Arc<Samples>>,
 }
 
 /// Mip level. Texels are red, green, blue and quantised inverse depth, row by row; the last column
@@ -91,15 +95,15 @@ impl Picture {
                 .map(|level| Level::new(&level, size))
                 .collect(),
             inverse_depth_step: step,
+            samples: None,
         }
     }
 
     /// Bytes in memory.
     pub(crate) fn bytes(&self) -> usize {
-        self.levels
-            .iter()
-            .map(|level| size_of_val(level.texels.as_slice()))
-            .sum()
+        let levels = self.levels.iter();
+        let texels = levels.map(|level| size_of_val(level.texels.as_slice()));
+        texels.sum::<usize>() + self.samples.as_ref().map_or(0, |samples| samples.bytes())
     }
 
     /// Returns the level in which a footprint of `texels` of the image along an axis is nearest to

@@ -1,10 +1,10 @@
 //! Depth samples cached on disk, so that a set of a thousand cameras reopens at once (E5): a
-//! container file whose points are memory-mapped.
+//! container file whose points are read when they are needed.
 //!
 //! A file is named by its inputs ([`cache::views_file_name`]): the views as the set and its
 //! registration describe them, the grid, and the origin. So a changed set has another file, and a
 //! damaged file is recomputed. Opening a file does not read its points: those of each camera have
-//! their own checksum, which is verified when the camera's image is loaded ([`verify_on_load`]).
+//! their own checksum; they are read when the camera's image is loaded ([`read_on_load`]).
 
 use super::samples::{MAX_PROBES, Probes, Samples};
 use crate::cache::{self, PoseRecord};
@@ -96,7 +96,7 @@ fn camera_record(camera: &RealCamera) -> CameraRecord {
     }
 }
 
-/// Opens the file of `views` cameras, their points mapped.
+/// Opens the file of `views` cameras, whose points stay in it.
 pub(crate) fn open(path: &Path, views: usize) -> Result<Vec<RealCamera>, FileError> {
     let file = Container::open(path, FileKind::SAMPLES)?;
     let mut info = file.section("info")?;
@@ -113,8 +113,8 @@ pub(crate) fn open(path: &Path, views: usize) -> Result<Vec<RealCamera>, FileErr
     let records: Vec<CameraRecord> = file.section("cameras")?.array(cameras)?;
     let probes: Vec<[[f32; MAX_PROBES]; 3]> = file.section("probes")?.array(cameras)?;
     let checksums: Vec<u32> = file.section("checksums")?.array(cameras)?;
-    let axes = file.mapped(AXES)?;
-    let available = axes.each_ref().map(|axis| axis.values::<f32>().len());
+    let axes = file.stored(AXES)?;
+    let available = axes.each_ref().map(|axis| axis.len::<f32>());
     let mut first = 0;
     let mut opened = Vec::with_capacity(cameras);
     for (((record, probes), counts), checksum) in records
@@ -131,7 +131,7 @@ pub(crate) fn open(path: &Path, views: usize) -> Result<Vec<RealCamera>, FileErr
                 format!("{available:?}"),
             ));
         }
-        let samples = Samples::mapped(
+        let samples = Samples::stored(
             &axes,
             first..first + count,
             counts.to_vec(),
@@ -153,28 +153,27 @@ pub(crate) fn open(path: &Path, views: usize) -> Result<Vec<RealCamera>, FileErr
     Ok(opened)
 }
 
-/// Returns a callback that verifies a camera's samples when its image is loaded: it compares the
-/// points in `file` with their checksum, so that no frame waits for a disk or shows damaged data.
-/// Damaged samples are recomputed from the view, and the file is removed, to be rewritten the next
-/// time.
-pub(crate) fn verify_on_load(
+/// Returns a callback that reads a camera's samples from `file` when its image is loaded, and
+/// verifies them, so that no frame waits for a disk or shows damaged data. Damaged samples are
+/// recomputed from the view, and the file is removed, to be rewritten the next time.
+pub(crate) fn read_on_load(
     cameras: &[RealCamera],
     grid: SampleGrid,
     origin: DVec3,
     file: Option<PathBuf>,
-) -> impl Fn(u32, &LoadedView) + Send + Sync + use<> {
+) -> impl Fn(u32, &LoadedView) -> Option<Arc<Samples>> + Send + Sync + use<> {
     let samples: Vec<Arc<Samples>> = cameras
         .iter()
         .map(|camera| Arc::clone(&camera.samples))
         .collect();
     move |camera, view| {
-        let samples = samples.get(camera as usize);
-        let is_intact =
-            samples.is_none_or(|samples| samples.verify(|| Samples::new(view, &grid, origin)));
-        if let Some(file) = file.as_ref().filter(|_| !is_intact) {
+        let stored = samples.get(camera as usize)?;
+        let read = stored.read_or(|| Samples::new(view, &grid, origin))?;
+        if let Some(file) = file.as_ref().filter(|_| stored.is_damaged()) {
             // A file that cannot be removed is found damaged again the next time.
             let _ = std::fs::remove_file(file);
         }
+        Some(Arc::new(read))
     }
 }
 
@@ -245,7 +244,7 @@ mod tests {
         };
         assert!(
             samples(&again) < 3 * 2048,
-            "points are mapped: {}",
+            "points are not kept with the cameras: {}",
             samples(&again)
         );
         for coarse in [1, 3, 9] {
@@ -332,10 +331,11 @@ mod tests {
         assert!(
             cameras
                 .iter()
-                .all(|camera| camera.samples.verify(Samples::default))
+                .all(|camera| camera.samples.read_or(Samples::default).is_some()
+                    && !camera.samples.is_damaged())
         );
         // The last byte of the second camera's last point, whichever axis is last in the file.
-        let of_one = whole.len() - 1 - 4 * cameras[2].samples.of_level(0)[2].len();
+        let of_one = whole.len() - 1 - 4 * cameras[2].samples.counts()[0] as usize;
         let damaged: Vec<u8> = whole
             .iter()
             .zip(0..)
@@ -358,6 +358,19 @@ mod tests {
         assert!(!file.exists(), "it is made anew the next time");
         open(&views, cache.path());
         assert_eq!(std::fs::read(&file).expect("read"), whole);
+    }
+
+    #[test]
+    fn cache_file_truncated_while_open_is_recomputed() {
+        let (_pictures, cache, views) = saved_views();
+        let camera = frame_at(DVec3::new(0.05, 0.0, 0.1), SIZE);
+        let expected = default_frame(&open(&views, cache.path()), &camera);
+        let geometry = open(&views, cache.path());
+        let file = files(cache.path()).pop().expect("a file");
+        let file = std::fs::File::options().write(true).open(file);
+        file.and_then(|file| file.set_len(100)).expect("truncated");
+        assert!(default_frame(&geometry, &camera).0 == expected.0);
+        assert_eq!(geometry.repaired().len(), 3, "{:?}", geometry.repaired());
     }
 
     #[test]

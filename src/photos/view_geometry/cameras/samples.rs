@@ -6,13 +6,13 @@
 //! list.
 
 use glam::{DVec3, Vec3};
-use headbox_core::container::MappedSection;
+use headbox_core::container::StoredSection;
 use headbox_images::LoadedView;
 use std::ops::Range;
-use std::sync::OnceLock;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Point samples of a depth image.
-#[derive(Clone, Debug, Default)]
+#[derive(Debug, Default)]
 pub(crate) struct Samples {
     /// Points relative to the sample origin, metres; coarsest level first, rows from top to bottom
     /// within a level.
@@ -23,20 +23,20 @@ pub(crate) struct Samples {
 }
 
 /// Storage of the points, one array per axis.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 enum PointStorage {
     Memory([Vec<f32>; 3]),
-    Disk(Mapped),
+    Disk(StoredPoints),
 }
 
-/// Mapped points of a camera in a file that also holds other cameras.
-#[derive(Clone, Debug)]
-struct Mapped {
-    axes: [MappedSection; 3],
+/// Points of a camera in a file that also holds other cameras.
+#[derive(Debug)]
+struct StoredPoints {
+    axes: [StoredSection; 3],
     points: Range<usize>,
     checksum: u32,
-    /// Set once the points were verified: the replacement if they are damaged.
-    checked: OnceLock<Option<Box<Samples>>>,
+    /// Set once the points were read and found damaged.
+    damaged: AtomicBool,
 }
 
 impl Default for PointStorage {
@@ -159,22 +159,23 @@ impl Samples {
     }
 
     /// Samples in a file: a range of the points of three sections, and the stored results of
-    /// [`Self::counts`], [`Self::probes`] and [`Self::checksum`].
-    pub(super) fn mapped(
-        axes: &[MappedSection; 3],
+    /// [`Self::counts`], [`Self::probes`] and [`Self::checksum`]. They have no points until
+    /// [`Self::read_or`] reads them.
+    pub(super) fn stored(
+        axes: &[StoredSection; 3],
         points: Range<usize>,
         counts: Vec<u32>,
         probes: Probes,
         checksum: u32,
     ) -> Self {
-        let mapped = Mapped {
+        let stored = StoredPoints {
             axes: axes.clone(),
             points,
             checksum,
-            checked: OnceLock::new(),
+            damaged: AtomicBool::new(false),
         };
         Self {
-            points: PointStorage::Disk(mapped),
+            points: PointStorage::Disk(stored),
             counts,
             probes,
         }
@@ -189,22 +190,36 @@ impl Samples {
         sum.finalize()
     }
 
-    /// Verifies mapped points against their checksum, once; damaged ones are replaced by
-    /// `recompute`. Returns true if the points are intact.
-    pub(crate) fn verify(&self, recompute: impl FnOnce() -> Self) -> bool {
-        let PointStorage::Disk(mapped) = &self.points else {
-            return true;
-        };
-        let replaced = || (self.checksum() != mapped.checksum).then(|| Box::new(recompute()));
-        mapped.checked.get_or_init(replaced).is_none()
-    }
-
-    /// Returns the replacement of damaged points.
-    pub(crate) fn repaired(&self) -> Option<&Self> {
-        let PointStorage::Disk(mapped) = &self.points else {
+    /// Reads stored points into memory, verified by their checksum; those that cannot be read or
+    /// are damaged are replaced by `recompute`. `None` if the points are in memory already.
+    pub(crate) fn read_or(&self, recompute: impl FnOnce() -> Self) -> Option<Self> {
+        let PointStorage::Disk(stored) = &self.points else {
             return None;
         };
-        mapped.checked.get()?.as_deref()
+        let [x, y, z] = stored
+            .axes
+            .each_ref()
+            .map(|axis| axis.values(stored.points.clone()));
+        if let (Ok(x), Ok(y), Ok(z)) = (x, y, z) {
+            let read = Self {
+                points: PointStorage::Memory([x, y, z]),
+                counts: self.counts.clone(),
+                probes: self.probes.clone(),
+            };
+            if read.checksum() == stored.checksum {
+                return Some(read);
+            }
+        }
+        stored.damaged.store(true, Ordering::Relaxed);
+        Some(recompute())
+    }
+
+    /// Returns true if the points are stored and were found damaged.
+    pub(crate) fn is_damaged(&self) -> bool {
+        match &self.points {
+            PointStorage::Memory(_) => false,
+            PointStorage::Disk(stored) => stored.damaged.load(Ordering::Relaxed),
+        }
     }
 
     /// Number of samples of each level of detail, the finest first.
@@ -213,11 +228,8 @@ impl Samples {
     }
 
     /// Returns the samples of a level of detail, 0 the finest; levels beyond the coarsest give the
-    /// coarsest.
+    /// coarsest. Points that are still in a file are not among them.
     pub(crate) fn of_level(&self, level: u32) -> Points<'_> {
-        if let Some(repaired) = self.repaired() {
-            return repaired.of_level(level);
-        }
         let count = self
             .counts
             .get(level as usize)
@@ -226,9 +238,7 @@ impl Samples {
             .unwrap_or(0) as usize;
         let all: Points = match &self.points {
             PointStorage::Memory(axes) => axes.each_ref().map(Vec::as_slice),
-            PointStorage::Disk(Mapped { axes, points, .. }) => axes
-                .each_ref()
-                .map(|axis| axis.values().get(points.clone()).unwrap_or_default()),
+            PointStorage::Disk(_) => [&[]; 3],
         };
         all.map(|axis| axis.get(..count).unwrap_or_default())
     }
@@ -238,13 +248,13 @@ impl Samples {
         &self.probes
     }
 
-    /// Bytes in memory, without mapped points.
+    /// Bytes in memory, without stored points.
     pub(crate) fn bytes(&self) -> usize {
         let points = match &self.points {
             PointStorage::Memory(axes) => {
                 axes.iter().map(|axis| size_of_val(axis.as_slice())).sum()
             }
-            PointStorage::Disk(_) => self.repaired().map_or(0, Self::bytes),
+            PointStorage::Disk(_) => 0,
         };
         points + size_of::<Self>()
     }

@@ -6,6 +6,7 @@
 //! with the reason, and its camera is skipped.
 
 use super::picture::Picture;
+use super::samples::Samples;
 use headbox_core::lru::LruCache;
 use headbox_images::{LoadedView, View};
 use rayon::prelude::*;
@@ -37,8 +38,9 @@ struct StoreShared {
     state: Mutex<StoreState>,
 }
 
-/// Callback with a camera's index and view, once the view is loaded.
-type OnLoad = Box<dyn Fn(u32, &LoadedView) + Send + Sync>;
+/// Callback with a camera's index and view, once the view is loaded; returns the camera's samples if
+/// they are stored in a file.
+type OnLoad = Box<dyn Fn(u32, &LoadedView) -> Option<Arc<Samples>> + Send + Sync>;
 
 #[derive(Default)]
 struct StoreState {
@@ -72,7 +74,10 @@ impl PictureStore {
 
     /// Sets the callback that gets each camera's view before its image is available; only the first
     /// call has an effect.
-    pub(crate) fn set_on_load(&self, on_load: impl Fn(u32, &LoadedView) + Send + Sync + 'static) {
+    pub(crate) fn set_on_load(
+        &self,
+        on_load: impl Fn(u32, &LoadedView) -> Option<Arc<Samples>> + Send + Sync + 'static,
+    ) {
         self.shared.on_load.get_or_init(|| Box::new(on_load));
     }
 
@@ -205,10 +210,11 @@ impl StoreShared {
     fn decode(&self, camera: u32) {
         let picture = match self.views.get(camera as usize).map(View::load) {
             Some(Ok(view)) => {
-                if let Some(on_load) = self.on_load.get() {
-                    on_load(camera, &view);
-                }
-                Ok(Picture::new(&view))
+                let on_load = self.on_load.get();
+                Ok(Picture {
+                    samples: on_load.and_then(|on_load| on_load(camera, &view)),
+                    ..Picture::new(&view)
+                })
             }
             Some(Err(error)) => Err(error.to_string()),
             None => Err(format!("there is no view {camera}")),

@@ -156,12 +156,12 @@ impl GeometryRenderer {
         };
         let cameras: Vec<TextureCamera> = pictures.iter().cloned().map(textured).collect();
         if settings.texturing != Texturing::Nearest {
-            let points = |(number, _): &(u32, _)| {
-                geometry.cameras[*number as usize]
-                    .samples
-                    .of_level(settings.level)
-            };
-            let samples: Vec<Points> = pictures.iter().map(points).collect();
+            let samples = pictures.iter().map(|(number, picture)| {
+                let in_memory = &geometry.cameras[*number as usize].samples;
+                let samples = picture.samples.as_ref().unwrap_or(in_memory);
+                samples.of_level(settings.level)
+            });
+            let samples: Vec<Points> = samples.collect();
             stats.samples = samples.iter().map(|[x, ..]| x.len() as u64).sum();
             let projection = Projection::new(camera, geometry.origin, self.level);
             fuse::fuse(
