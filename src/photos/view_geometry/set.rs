@@ -247,9 +247,9 @@ fn sample_views(
         let loaded = view.load()?;
         let camera = RealCamera::from_loaded(&loaded, grid, origin);
         let samples = camera.as_ref().filter(|_| stores);
-        pictures.offer(number, || Picture {
-            samples: samples.map(|camera| Arc::clone(&camera.samples)),
-            ..Picture::new(&loaded)
+        pictures.offer(number, || {
+            let samples = samples.map(|camera| Arc::clone(&camera.samples));
+            Picture::new(&loaded).with_samples(samples)
         });
         progress.advance(1);
         Ok(camera)

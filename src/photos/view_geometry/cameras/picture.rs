@@ -99,6 +99,12 @@ impl Picture {
         }
     }
 
+    /// Adds the samples of the camera, if they are stored in a file.
+    #[must_use]
+    pub(crate) fn with_samples(self, samples: Option<Arc<Samples>>) -> Self {
+        Self { samples, ..self }
+    }
+
     /// Bytes in memory.
     pub(crate) fn bytes(&self) -> usize {
         let levels = self.levels.iter();

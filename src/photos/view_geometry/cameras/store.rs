@@ -211,10 +211,8 @@ impl StoreShared {
         let picture = match self.views.get(camera as usize).map(View::load) {
             Some(Ok(view)) => {
                 let on_load = self.on_load.get();
-                Ok(Picture {
-                    samples: on_load.and_then(|on_load| on_load(camera, &view)),
-                    ..Picture::new(&view)
-                })
+                let samples = on_load.and_then(|on_load| on_load(camera, &view));
+                Ok(Picture::new(&view).with_samples(samples))
             }
             Some(Err(error)) => Err(error.to_string()),
             None => Err(format!("there is no view {camera}")),
