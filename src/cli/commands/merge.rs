@@ -1,6 +1,7 @@
 //! `headbox merge`.
 
-use super::capture::{spill_budget, warn_if_blocked};
+use super::capture::memory_limit::{MemoryLimit, run_on};
+use super::capture::warn_if_blocked;
 use crate::messages::format_count;
 use crate::output::{CUBE, Outputs, output_name, peak_rss_mb, print_json};
 use crate::packing::{PackingArgs, describe_cube};
@@ -78,8 +79,12 @@ impl MergeCommand {
             parameters.light_samples > 0,
         );
         let bar = Bar::new();
+        let limit = MemoryLimit::new(memory_mb, spec.face_size_px);
+        let all_threads = rayon::current_num_threads();
+        // The number of depth pixels is not known yet.
+        let threads = limit.map_or(all_threads, |limit| limit.threads(0.0, all_threads));
         let options = RunOptions {
-            budget: spill_budget(memory_mb, &self.output),
+            budget: limit.map(|limit| limit.spill_budget(threads, &self.output)),
             progress: &bar,
             ..RunOptions::default()
         };
@@ -88,13 +93,16 @@ impl MergeCommand {
             shard::absorb(path, info, &mut tracing)?;
         }
         let capture = SceneCapture::new(&spec, &tracer, &lighting, &options);
-        capture.fill_holes(&mut tracing)?;
-        let ldi = capture.light_and_merge(&tracing)?;
+        let ldi = run_on(threads, || {
+            capture.fill_holes(&mut tracing)?;
+            capture.light_and_merge(&tracing)
+        })??;
         drop((tracing, tracer));
-        let packed = self.packing.pack(ldi)?;
+        let packed = run_on(threads, || self.packing.pack(ldi))??;
         packed.write(&self.output)?;
         bar.finish();
         warn_if_blocked(packed.info.blocked_share);
+        limit.iter().for_each(MemoryLimit::warn_if_exceeded);
         let rays = packed.info.rays_traced;
         if self.json {
             print_json(&json!({

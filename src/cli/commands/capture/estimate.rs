@@ -6,6 +6,7 @@
 //! second; each stage is timed and scaled by its own law. The rehearsal does not influence the
 //! capture.
 
+use super::memory_limit::{MemoryLimit, unlimited_bytes};
 use crate::packing::PackingArgs;
 use crate::progress::PlannedStage;
 use headbox_core::memory;
@@ -44,10 +45,6 @@ const FILE_SHARE: f64 = 0.78;
 /// borders.
 const FILE_POWER: f64 = 1.87;
 
-/// Peak memory for each depth pixel, bytes, when the surface samples of all faces wait to be lit:
-/// 242 to 366 in six scenes.
-const MEMORY_BYTES: f64 = 290.0;
-
 /// Estimated time and space of a capture.
 pub(crate) struct Estimate {
     /// Time of loading and of the rehearsal.
@@ -61,7 +58,11 @@ pub(crate) struct Estimate {
     light_s: f64,
     /// Size of the file; `None` for a shard.
     file_bytes: Option<f64>,
+    /// Number of depth pixels before packing.
+    depth_pixels: f64,
     memory_bytes: f64,
+    /// Limit that cannot be kept, bytes.
+    exceeded_limit: Option<f64>,
 }
 
 impl Estimate {
@@ -117,7 +118,7 @@ impl Estimate {
         let samples: usize = ldi.faces.iter().map(|face| face.samples.len()).sum();
         let packed = packing.pack(ldi)?;
         let light_s = stage_start.elapsed().as_secs_f64() * scale * scale * LIGHT_SHARE;
-        let needed_memory = samples as f64 * scale * scale * MEMORY_BYTES;
+        let depth_pixels = samples as f64 * scale * scale;
         Ok(Self {
             before_s: start.elapsed().as_secs_f64(),
             rays,
@@ -128,14 +129,23 @@ impl Estimate {
             light_s: if is_whole { light_s } else { 0.0 },
             file_bytes: is_whole
                 .then(|| packed.bytes() as f64 * FILE_SHARE * scale.powf(FILE_POWER)),
-            memory_bytes: (used_memory + needed_memory).max(peak_memory),
+            depth_pixels,
+            memory_bytes: unlimited_bytes(used_memory, depth_pixels).max(peak_memory),
+            exceeded_limit: None,
         })
     }
 
-    /// Limits the memory to that of `--memory`, MiB.
-    pub(super) fn limit_memory(mut self, memory_mb: Option<u64>) -> Self {
-        let limit = memory_mb.map_or(f64::INFINITY, |mb| mb as f64 * f64::from(1 << 20));
-        self.memory_bytes = self.memory_bytes.min(limit);
+    /// Number of depth pixels before packing.
+    pub(super) fn depth_pixels(&self) -> f64 {
+        self.depth_pixels
+    }
+
+    /// Estimates the memory within a limit, on a number of threads.
+    pub(super) fn limit_memory(mut self, limit: Option<MemoryLimit>, threads: usize) -> Self {
+        if let Some(limit) = limit {
+            self.memory_bytes = limit.peak_bytes(self.depth_pixels, threads);
+            self.exceeded_limit = Some(limit.bytes()).filter(|limit| self.memory_bytes > *limit);
+        }
         self
     }
 
@@ -201,7 +211,11 @@ impl fmt::Display for Estimate {
         if let Some(bytes) = self.file_bytes {
             write!(f, "a file of {}B, ", rounded(bytes))?;
         }
-        write!(f, "{memory}B of memory")
+        write!(f, "{memory}B of memory")?;
+        if let Some(limit) = self.exceeded_limit {
+            write!(f, " although --memory allows {}B", rounded(limit))?;
+        }
+        Ok(())
     }
 }
 

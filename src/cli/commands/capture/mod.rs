@@ -2,7 +2,7 @@
 //!
 //! * `quality`: arguments of quality; [`face_size`]: `--face-size`.
 //! * [`place`]: the headbox in the axes and unit of the scene's file.
-//! * [`estimate`]: time and space of a capture, before it starts.
+//! * [`estimate`]: time and space of a capture, before it starts; [`memory_limit`]: `--memory`.
 //! * `report`: its result.
 //! * `images`, [`deep`]: captures from image sets and deep images.
 
@@ -10,6 +10,7 @@ pub(crate) mod deep;
 pub(crate) mod estimate;
 mod face_size;
 mod images;
+pub(crate) mod memory_limit;
 pub(crate) mod place;
 mod quality;
 mod report;
@@ -36,7 +37,6 @@ use glam::DVec3;
 use headbox_core::file_frame::{figure, triple};
 use headbox_core::files;
 use headbox_core::headbox::Headbox;
-use headbox_core::memory;
 use headbox_ldi::accumulate::shard::{self, ShardInfo};
 use headbox_ldi::capture::SceneCapture;
 use headbox_ldi::from_deep::DeepCameraOptions;
@@ -44,6 +44,7 @@ use headbox_ldi::spec::RunOptions;
 use headbox_photos::voxel_colouring::Backdrop;
 use headbox_trace::bvh::Tracer;
 use headbox_trace::light::Lighting;
+use memory_limit::{MemoryLimit, run_on};
 use place::{HeadboxArgs, place_headbox};
 use quality::QualityArgs;
 use report::CaptureTimes;
@@ -125,25 +126,6 @@ fn parse_shard(text: &str) -> Result<(u32, u32), String> {
             shard::MAX_PARTS
         )),
     }
-}
-
-/// Memory for accumulators within a limit for the whole process, bytes, and the folder to spill to.
-pub(super) fn spill_budget(memory_mb: Option<u64>, output: &Path) -> Option<(u64, PathBuf)> {
-    /// Memory for thread buffers, the heads of tiles, and the sorting of a tile.
-    const RESERVE: u64 = 96 << 20;
-    /// The rest is shared with the LDI that grows at the end, while the allocator still holds the
-    /// memory of freed accumulators.
-    const SHARE: u64 = 2;
-    let limit = memory_mb? << 20;
-    let used = memory::peak_and_resident().map_or(0, |[_, now]| now) + RESERVE;
-    if used >= limit {
-        eprintln!(
-            "warning: the scene alone takes {} MiB, more than --memory allows",
-            used >> 20
-        );
-    }
-    let budget = (limit.saturating_sub(used) / SHARE).max(16 << 20);
-    Some((budget, spill_folder(output)))
 }
 
 /// The folder of the output, where there is room for a file of its size; the folder for temporary
@@ -238,25 +220,30 @@ impl CaptureCommand {
             Lighting::unmetered(&tracer, 0) // shards are lit when they are merged
         };
         let shard = self.shard.unwrap_or((0, 1));
+        let limit = MemoryLimit::new(memory_mb, spec.face_size_px);
         let estimate = Estimate::new(&spec, &tracer, &lighting, &self.packing, shard.1, start)
-            .context("the capture failed")?
-            .limit_memory(memory_mb);
+            .context("the capture failed")?;
+        let all_threads = rayon::current_num_threads();
+        let threads = limit.map_or(all_threads, |limit| {
+            limit.threads(estimate.depth_pixels(), all_threads)
+        });
+        let estimate = estimate.limit_memory(limit, threads);
         eprintln!("estimate: {estimate}");
         let bar = Bar::planned(estimate.plan(), true);
         let options = RunOptions {
-            budget: spill_budget(memory_mb, &self.output),
+            budget: limit.map(|limit| limit.spill_budget(threads, &self.output)),
             shard,
             progress: &bar,
         };
         let capture = SceneCapture::new(&spec, &tracer, &lighting, &options);
         if self.shard.is_some() {
-            return self.write_shard(&capture, &bar, start);
+            return run_on(threads, || self.write_shard(&capture, &bar, start))?;
         }
-        let (ldi, trace_time) = capture.run().context("the capture failed")?;
+        let (ldi, trace_time) = run_on(threads, || capture.run())?.context("the capture failed")?;
         let [low, high] = scene.bounds();
         let encloses = 2.0 * spec.half_size_m > (high - low).max_element();
         drop((tracer, scene));
-        let packed = self.packing.pack(ldi)?;
+        let packed = run_on(threads, || self.packing.pack(ldi))??;
         if packed.depth_pixel_count() == 0 && packed.planes.tiles.is_empty() {
             if encloses {
                 bail!(
@@ -270,6 +257,7 @@ impl CaptureCommand {
         packed.write(&self.output)?;
         bar.finish();
         warn_if_blocked(packed.info.blocked_share);
+        limit.iter().for_each(MemoryLimit::warn_if_exceeded);
         let times = CaptureTimes {
             trace_s: trace_time.as_secs_f64(),
             total_s: start.elapsed().as_secs_f64(),
