@@ -3,4 +3,8 @@
 
 mod files;
 mod houses;
+mod image_sets;
+mod mend;
 mod mutations;
+mod pictures;
+mod scenes;

@@ -1,50 +1,69 @@
-//! Seeded mutations of files, and an allocator that records the largest allocation.
+//! Seeded mutations of files, and an allocator that records the largest allocation and the sum of all.
+//!
+//! Without a variable each kind of file is tried a fixed number of times, with the same seeds.
+//! `HEADBOX_FUZZ_SECONDS` tries each kind for that time, from the seed `HEADBOX_FUZZ_SEED` on
+//! (`.ci/fuzz`). Input that fails is kept in `target/fuzz`.
 #![allow(
     missing_docs,
     unreachable_pub,
+    unsafe_code,
     dead_code,
     reason = "nobody but the tests reads it, and not every test all of it"
 )]
 
+use crate::mend;
+use headbox_core::memory::set_limit;
 use headbox_core::random::Rng;
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Mutex, MutexGuard, Once, PoisonError};
 use std::time::{Duration, Instant};
 
 /// The largest allocation since it was last reset, bytes.
 pub static LARGEST: AtomicUsize = AtomicUsize::new(0);
+/// Bytes that are allocated now.
+static LIVE: AtomicUsize = AtomicUsize::new(0);
+/// The largest number of them since it was last reset.
+static PEAK: AtomicUsize = AtomicUsize::new(0);
 
-/// The system's allocator, which records the largest requested size.
+/// The system's allocator, which records the largest requested size and the sum of all.
 pub struct RecordingAllocator;
 
-// SAFETY: every call goes to the system's allocator unchanged; only an atomic counter is added.
+fn record(bytes: usize) {
+    LARGEST.fetch_max(bytes, Ordering::Relaxed);
+    let before = LIVE.fetch_add(bytes, Ordering::Relaxed);
+    PEAK.fetch_max(before.wrapping_add(bytes), Ordering::Relaxed);
+}
+
+// SAFETY: every call goes to the system's allocator unchanged; only atomic counters are added.
 unsafe impl GlobalAlloc for RecordingAllocator {
     // SAFETY: as the trait asks; the size is noted, and the call handed on unchanged.
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        LARGEST.fetch_max(layout.size(), Ordering::Relaxed);
+        record(layout.size());
         // SAFETY: the caller keeps the contract of `alloc`, which is the system's.
         unsafe { System.alloc(layout) }
     }
 
     // SAFETY: as the trait asks; the size is noted, and the call handed on unchanged.
     unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
-        LARGEST.fetch_max(layout.size(), Ordering::Relaxed);
+        record(layout.size());
         // SAFETY: as above.
         unsafe { System.alloc_zeroed(layout) }
     }
 
     // SAFETY: as the trait asks; the size is noted, and the call handed on unchanged.
     unsafe fn realloc(&self, pointer: *mut u8, layout: Layout, size: usize) -> *mut u8 {
-        LARGEST.fetch_max(size, Ordering::Relaxed);
+        LIVE.fetch_sub(layout.size(), Ordering::Relaxed);
+        record(size);
         // SAFETY: as above.
         unsafe { System.realloc(pointer, layout, size) }
     }
 
-    // SAFETY: as the trait asks; the call is handed on unchanged.
+    // SAFETY: as the trait asks; the size is noted, and the call handed on unchanged.
     unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        LIVE.fetch_sub(layout.size(), Ordering::Relaxed);
         // SAFETY: as above.
         unsafe { System.dealloc(pointer, layout) }
     }
@@ -53,23 +72,32 @@ unsafe impl GlobalAlloc for RecordingAllocator {
 #[global_allocator]
 static ALLOCATOR: RecordingAllocator = RecordingAllocator;
 
+/// Budget of decoders, as `--memory` sets it.
+const BUDGET_BYTES: u64 = 256 << 20;
 /// Maximum size of a single allocation. The largest one of a valid small file is the head of an
-/// accumulator store for the largest allowed face (8,192 px), some tens of MiB. An unchecked count
-/// would request gigabytes.
+/// accumulator store for the largest allowed face (8,192 px), some tens of MiB; a picture may take
+/// the budget. An unchecked count would request gigabytes.
 const MOST_BYTES: usize = 256 << 20;
+/// Maximum sum of all allocations: the budget, and as much for what is not counted in it.
+const MOST_LIVE_BYTES: usize = 2 * BUDGET_BYTES as usize;
+/// Time after which a reader is too slow. A development build takes at most a fifth of it for a file
+/// that declares as much as the budget allows.
+const MOST_TIME: Duration = Duration::from_secs(20);
 /// Number of mutations of each kind of file.
 const CASES: u64 = 400;
 /// Pause between two mutations above which it is due to the machine and does not count.
 const LONGEST: Duration = Duration::from_secs(2);
 
-/// Locks the recorded allocation size, which tests share.
+/// Locks the recorded allocation sizes, which tests share.
 pub fn lock_allocations() -> MutexGuard<'static, ()> {
     static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
+    set_limit(BUDGET_BYTES);
     ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Seeds for a number of cases or, if `HEADBOX_FUZZ_SECONDS` is set, for that time.
 pub struct Rounds {
+    first_seed: u64,
     cases: u64,
     most: Option<Duration>,
     done: u64,
@@ -79,11 +107,10 @@ pub struct Rounds {
 
 impl Rounds {
     pub fn new(cases: u64) -> Self {
-        let seconds = std::env::var("HEADBOX_FUZZ_SECONDS")
-            .ok()
-            .and_then(|s| s.parse().ok());
-        let most = seconds.map(Duration::from_secs);
+        let number = |name| std::env::var(name).ok().and_then(|s| s.parse().ok());
+        let most = number("HEADBOX_FUZZ_SECONDS").map(Duration::from_secs);
         Self {
+            first_seed: number("HEADBOX_FUZZ_SEED").unwrap_or(0),
             cases,
             most,
             done: 0,
@@ -103,7 +130,7 @@ impl Rounds {
             return None;
         }
         self.done += 1;
-        Some(self.done - 1)
+        Some(self.first_seed.wrapping_add(self.done - 1))
     }
 
     pub fn done(&self) -> u64 {
@@ -118,45 +145,155 @@ pub fn try_mutations(
     in_sections: bool,
     read: impl Fn(&Path) -> bool,
 ) {
+    let mutant = |original: &[u8], rng: &mut MutationRng| match in_sections {
+        true if rng.below(4) > 0 => {
+            let mut parts = Parts::parse(original);
+            parts.mutate(rng);
+            parts.file()
+        }
+        _ => mutant_of(name, original, rng),
+    };
+    let folders: Vec<Files> = originals
+        .iter()
+        .map(|original| vec![(name.to_owned(), original.clone())])
+        .collect();
+    try_cases(name, &folders, mutant, |folder| read(&folder.join(name)));
+}
+
+/// Files of a folder, by their names relative to it.
+pub type Files = Vec<(String, Vec<u8>)>;
+
+/// Tries folders in which one file is mutated, each of them equally often.
+pub fn try_folders(kind: &str, folders: &[Files], read: impl Fn(&Path) -> bool) {
+    try_cases(kind, folders, |_, _| Vec::new(), read);
+}
+
+/// Mutates a file; three quarters of the mutants of a format with checksums or lengths of its own
+/// get valid ones, so that they reach the decoder.
+fn mutant_of(name: &str, original: &[u8], rng: &mut MutationRng) -> Vec<u8> {
+    if rng.below(4) > 0
+        && let Some(mended) = mend::mutate_inside(name, original, rng)
+    {
+        return mended;
+    }
+    let mut bytes = original.to_vec();
+    mutate(&mut bytes, rng);
+    bytes
+}
+
+/// Tries mutants of folders. `mutant` makes that of a file; an empty one stands for
+/// [`mutant_of`].
+fn try_cases(
+    kind: &str,
+    folders: &[Files],
+    mutant: impl Fn(&[u8], &mut MutationRng) -> Vec<u8>,
+    read: impl Fn(&Path) -> bool,
+) {
     let _lock = lock_allocations();
-    let folder = tempfile::tempdir().expect("a folder");
-    let path = folder.path().join(name);
-    for original in originals {
-        std::fs::write(&path, original).expect("written");
-        assert!(read(&path), "{name}: the original is sound");
+    let temporary = tempfile::tempdir().expect("a folder");
+    let write_all = |folder: &Path, files: &Files| {
+        for (name, bytes) in files {
+            let path = folder.join(name);
+            std::fs::create_dir_all(path.parent().expect("a folder")).expect("made");
+            std::fs::write(path, bytes).expect("written");
+        }
+    };
+    for (i, files) in folders.iter().enumerate() {
+        let folder = temporary.path().join(i.to_string());
+        write_all(&folder, files);
+        let names: Vec<&String> = files.iter().map(|(name, _)| name).collect();
+        assert!(read(&folder), "{kind}: the original is sound: {names:?}");
     }
     let (mut rounds, mut sound) = (Rounds::new(CASES), 0u64);
     while let Some(seed) = rounds.next() {
         let mut rng = MutationRng::new(seed.wrapping_mul(0x2545_f491_4f6c_dd1d));
-        let original = &originals[rng.below(originals.len())];
-        let bytes = if in_sections && rng.below(4) > 0 {
-            let mut parts = Parts::parse(original);
-            parts.mutate(&mut rng);
-            parts.file()
-        } else {
-            let mut bytes = original.clone();
-            mutate(&mut bytes, &mut rng);
-            bytes
+        let which = rng.below(folders.len());
+        let files = &folders[which];
+        let (name, original) = &files[rng.below(files.len())];
+        let bytes = match mutant(original, &mut rng) {
+            bytes if bytes.is_empty() => mutant_of(name, original, &mut rng),
+            bytes => bytes,
         };
-        std::fs::write(&path, &bytes).expect("written");
-        LARGEST.store(0, Ordering::Relaxed);
-        let outcome = catch_unwind(AssertUnwindSafe(|| read(&path)));
-        let largest = LARGEST.load(Ordering::Relaxed);
-        if outcome.is_err() || largest > MOST_BYTES {
-            let kept = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("seed-{seed}-{name}"));
-            std::fs::write(&kept, &bytes).expect("written");
-            panic!(
-                "{name}, seed {seed}: panic or an allocation of {largest} bytes; kept as {}",
-                kept.display()
-            );
-        }
-        sound += u64::from(outcome.unwrap_or(false));
+        let folder = temporary.path().join(which.to_string());
+        std::fs::write(folder.join(name), &bytes).expect("written");
+        sound += u64::from(run_reader(kind, seed, &folder, &read));
+        std::fs::write(folder.join(name), original).expect("written");
     }
     let seconds = rounds.spent.as_secs_f64();
     println!(
-        "{name}: {} mutations in {seconds:.1} s, of which {sound} were sound files",
+        "{kind}: {} mutations in {seconds:.1} s, of which {sound} were sound files",
         rounds.done()
     );
+}
+
+/// Runs a reader on a mutant; keeps the mutant and fails if the reader panics, takes too much
+/// memory, or too long.
+fn run_reader(kind: &str, seed: u64, folder: &Path, read: impl Fn(&Path) -> bool) -> bool {
+    let before = LIVE.load(Ordering::Relaxed);
+    LARGEST.store(0, Ordering::Relaxed);
+    PEAK.store(before, Ordering::Relaxed);
+    *running() = Some((Instant::now(), kind.to_owned(), seed, folder.to_path_buf()));
+    watch();
+    let started = Instant::now();
+    let outcome = catch_unwind(AssertUnwindSafe(|| read(folder)));
+    let elapsed = started.elapsed();
+    *running() = None;
+    let largest = LARGEST.load(Ordering::Relaxed);
+    let peak = PEAK.load(Ordering::Relaxed).saturating_sub(before);
+    let fault = match outcome {
+        Err(_) => "panic".to_owned(),
+        Ok(_) if largest > MOST_BYTES => format!("an allocation of {largest} bytes"),
+        Ok(_) if peak > MOST_LIVE_BYTES => format!("{peak} bytes of memory"),
+        Ok(_) if elapsed > MOST_TIME => format!("{:.1} s", elapsed.as_secs_f64()),
+        Ok(is_sound) => return is_sound,
+    };
+    let kept = keep(kind, seed, folder);
+    panic!("{kind}, seed {seed}: {fault}; kept as {}", kept.display());
+}
+
+/// Start, kind, seed and folder of the reader that is running.
+type Running = Option<(Instant, String, u64, PathBuf)>;
+
+fn running() -> MutexGuard<'static, Running> {
+    static RUNNING: Mutex<Running> = Mutex::new(None);
+    RUNNING.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Ends the program, with the input kept, if a reader does not come to an end.
+fn watch() {
+    static STARTED: Once = Once::new();
+    let work = || loop {
+        std::thread::sleep(Duration::from_secs(1));
+        if let Some((since, kind, seed, folder)) = &*running()
+            && since.elapsed() > 3 * MOST_TIME
+        {
+            let kept = keep(kind, *seed, folder);
+            eprintln!("{kind}, seed {seed}: no end; kept as {}", kept.display());
+            std::process::exit(101);
+        }
+    };
+    STARTED.call_once(|| drop(std::thread::spawn(work)));
+}
+
+/// Copies a folder to `target/fuzz`.
+fn keep(kind: &str, seed: u64, folder: &Path) -> PathBuf {
+    let kept = Path::new(env!("CARGO_TARGET_TMPDIR"))
+        .with_file_name("fuzz")
+        .join(format!("{kind}-{seed}").replace(' ', "-"));
+    copy_all(folder, &kept);
+    kept
+}
+
+fn copy_all(from: &Path, to: &Path) {
+    std::fs::create_dir_all(to).expect("made");
+    for entry in std::fs::read_dir(from).expect("a folder").flatten() {
+        let target = to.join(entry.file_name());
+        if entry.path().is_dir() {
+            copy_all(&entry.path(), &target);
+        } else {
+            std::fs::copy(entry.path(), target).expect("copied");
+        }
+    }
 }
 
 /// Returns the bytes that `write` writes to a file.
