@@ -59,6 +59,7 @@ pub use headbox_core::file_frame::{FileFrame, UpAxis};
 pub use headbox_core::frame::{Coverage, Frame};
 pub use headbox_core::headbox::Headbox;
 pub use headbox_core::progress::Progress;
+pub use headbox_core::read_note::ReadNote;
 pub use headbox_cube::pack::CubeLdi;
 pub use headbox_cube::render::{RenderSettings, Renderer};
 pub use headbox_house::backdrop::{BackdropKind, BackdropQuality};

@@ -4,6 +4,7 @@ use crate::Error;
 use glam::DVec3;
 use headbox_core::file_frame::{FileFrame, UpAxis};
 use headbox_core::headbox::Headbox;
+use headbox_core::read_note::ReadNote;
 use headbox_ldi::scene_source::SceneSource;
 use headbox_scene::load::LoadOptions;
 use headbox_trace::bvh::Tracer;
@@ -58,8 +59,8 @@ impl Scene {
         &self.source.name
     }
 
-    /// Notes of the loader about problems in the file, a sentence each.
-    pub fn notes(&self) -> &[String] {
+    /// Notes of the loader about problems in the file.
+    pub fn notes(&self) -> &[ReadNote] {
         &self.loaded.summary.notes
     }
 

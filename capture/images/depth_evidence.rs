@@ -12,6 +12,7 @@ use crate::seen_points::{SeenPoints, sampled_pixels, sampling_step};
 use crate::view::{LoadedView, MAX_DEPTH_M, View};
 use crate::{ImageSet, ImagesError};
 use headbox_core::depth_kind::DepthKind;
+use headbox_core::read_note::ReadNote;
 use headbox_core::statistics::median;
 use rayon::prelude::*;
 
@@ -82,14 +83,14 @@ pub(crate) fn examine(set: &mut ImageSet) {
         set.notes.push(format!(
             "depth is taken as the distance along the ray, not along the viewing axis: planes are flat and neighbouring views \
              agree only then ({all} views)"
-        ));
+        ).into());
     }
     if let Some(factor) = factor {
         set.notes.push(format!(
             "depth is multiplied by the factor {factor:.4}: no file states its unit, and neighbouring views agree only then; {} \
              ({all} views)",
             describe_unit(&source, factor)
-        ));
+        ).into());
     }
     for view in set.views.iter_mut().filter(|view| is_assumed(view)) {
         let Some(depth) = &mut view.depth else {
@@ -136,15 +137,22 @@ fn note_sizes(set: &mut ImageSet) {
         (turned, "is turned like its image, by the EXIF orientation"),
     ];
     for (views, what) in kinds {
-        if let Some((view, [width, height])) = views.first() {
-            let [w, h] = view.size_px;
-            set.notes.push(format!(
-                "depth of {} of {} views {what}, such as {}: {width}x{height} pixels for {w}x{h}",
-                views.len(),
-                set.views.len(),
-                view.name
-            ));
+        if views.is_empty() {
+            continue;
         }
+        let names: Vec<String> = views
+            .iter()
+            .map(|(view, [width, height])| {
+                let [w, h] = view.size_px;
+                format!("{} ({width}x{height} pixels for {w}x{h})", view.name)
+            })
+            .collect();
+        let sentence = format!(
+            "depth of {} of {} views {what}",
+            names.len(),
+            set.views.len()
+        );
+        set.notes.push(ReadNote::with_names(&sentence, &names, 1));
     }
 }
 

@@ -72,6 +72,7 @@ use glam::{DMat3, DVec3};
 use headbox_core::file_frame::FileFrame;
 use headbox_core::image::codec;
 use headbox_core::image::orientation::{self, Orientation};
+use headbox_core::read_note::ReadNote;
 use headbox_core::statistics::median;
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
@@ -101,8 +102,17 @@ pub struct ImageSet {
     pub views: Vec<View>,
     /// Centre for which the set was made, world metres, if the file specifies one.
     pub headbox_centre: Option<DVec3>,
-    /// Notes on skipped or assumed data, one sentence each.
-    pub notes: Vec<String>,
+    /// Notes on skipped or assumed data.
+    pub notes: Vec<ReadNote>,
+}
+
+/// Creates a note that lists the images of views, and displays the first.
+fn note_images(sentence: &str, views: &[&View]) -> ReadNote {
+    let images: Vec<String> = views
+        .iter()
+        .map(|view| view.color.display().to_string())
+        .collect();
+    ReadNote::with_names(sentence, &images, 1)
 }
 
 /// File names of nerfstudio sets and of the training images of NeRF's synthetic scenes.
@@ -140,24 +150,23 @@ impl ImageSet {
     fn drop_missing(&mut self) -> Result<(), ImagesError> {
         let is_missing = |view: &View| view.depth.is_none() && !view.color.is_file();
         let all = self.views.len();
-        let Some(first) = self
-            .views
-            .iter()
-            .find(|view| is_missing(view))
-            .map(|view| view.color.clone())
-        else {
+        let (missing, views): (Vec<View>, Vec<View>) = std::mem::take(&mut self.views)
+            .into_iter()
+            .partition(is_missing);
+        self.views = views;
+        let Some(first) = missing.first() else {
             return Ok(());
         };
-        self.views.retain(|view| !is_missing(view));
-        let missing = all - self.views.len();
         if self.views.is_empty() {
             let cause = format!("file not found, nor any other of the {all} images");
-            return Err(ImagesError::invalid_picture(&first, cause));
+            return Err(ImagesError::invalid_picture(&first.color, cause));
         }
-        self.notes.push(format!(
-            "{missing} of {all} images are missing, such as {}; their views are skipped",
-            first.display()
-        ));
+        let sentence = format!(
+            "{} of {all} images are missing, and their views skipped",
+            missing.len()
+        );
+        let missing: Vec<&View> = missing.iter().collect();
+        self.notes.push(note_images(&sentence, &missing));
         Ok(())
     }
 
@@ -165,13 +174,14 @@ impl ImageSet {
     fn note_cut_images(&mut self) {
         let is_cut = |view: &&View| codec::is_file_cut_short(&view.color);
         let cut: Vec<&View> = self.views.iter().filter(is_cut).collect();
-        if let Some(first) = cut.first() {
-            self.notes.push(format!(
-                "{} of {} images are cut short, such as {}; their last rows are missing",
+        if !cut.is_empty() {
+            let sentence = format!(
+                "{} of {} images are cut short, and their last rows missing",
                 cut.len(),
-                self.views.len(),
-                first.color.display()
-            ));
+                self.views.len()
+            );
+            let note = note_images(&sentence, &cut);
+            self.notes.push(note);
         }
     }
 
@@ -195,13 +205,9 @@ impl ImageSet {
             ),
         ];
         for (views, what) in kinds {
-            if let Some(first) = views.first() {
-                self.notes.push(format!(
-                    "{} of {} images {what}, such as {}",
-                    views.len(),
-                    self.views.len(),
-                    first.color.display()
-                ));
+            if !views.is_empty() {
+                let sentence = format!("{} of {} images {what}", views.len(), self.views.len());
+                self.notes.push(note_images(&sentence, &views));
             }
         }
     }

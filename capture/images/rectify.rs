@@ -11,6 +11,7 @@ use crate::pose::Pose;
 use crate::view::{LoadedView, View};
 use glam::{DMat3, DVec3};
 use headbox_core::depth_kind::DepthKind;
+use headbox_core::read_note::ReadNote;
 use rayon::prelude::*;
 
 /// Largest share of an image outside the single view along its axis.
@@ -144,13 +145,13 @@ impl ViewList {
     }
 
     /// Returns the views and notes on how wide images were split.
-    pub(crate) fn finish(self) -> (Vec<View>, Vec<String>) {
+    pub(crate) fn finish(self) -> (Vec<View>, Vec<ReadNote>) {
         let mut notes = Vec::new();
         if self.wide > 0 {
             notes.push(format!(
                 "{} images through wide lenses are read as {} perspective views of 90 degrees each",
                 self.wide, self.wide_views
-            ));
+            ).into());
         }
         if self.largest_loss > 0.005 {
             notes.push(format!(
@@ -158,7 +159,7 @@ impl ViewList {
                  corners, is outside them",
                 self.narrow,
                 self.largest_loss * 100.0
-            ));
+            ).into());
         }
         (self.faces.into_iter().flatten().collect(), notes)
     }

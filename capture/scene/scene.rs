@@ -8,6 +8,7 @@ pub use headbox_core::color::exposure::Exposure;
 pub use headbox_core::color::tone::ToneMap;
 pub use headbox_core::file_frame::{FileFrame, UpAxis};
 pub use headbox_core::headbox::Headbox;
+use headbox_core::read_note::ReadNote;
 
 use crate::material::{Material, Texture};
 use glam::{DVec3, Vec2, Vec3};
@@ -42,8 +43,8 @@ pub struct Vertex {
 /// Problems that a loader worked around; empty for a clean file.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct LoadSummary {
-    /// One readable sentence for each kind of defect, with its count.
-    pub notes: Vec<String>,
+    /// A note on each kind of defect, with its count.
+    pub notes: Vec<ReadNote>,
     /// The files that were read: the scene's own, its materials, textures and buffers.
     pub files: Vec<PathBuf>,
 }

@@ -3,6 +3,7 @@
 use crate::scene::{Scene, Sky, SkyError, SkyPicture, Sun};
 use headbox_core::color::luminance;
 use headbox_core::light_parameters::LightParameters;
+use headbox_core::read_note::ReadNote;
 use std::sync::Arc;
 
 impl Scene {
@@ -14,7 +15,9 @@ impl Scene {
     pub fn set_light(&mut self, light: &LightParameters) -> Result<(), SkyError> {
         if let Some(path) = &light.sky {
             let (picture, notes) = SkyPicture::read_with_notes(path, light.sky_turn)?;
-            self.summary.notes.extend(notes);
+            self.summary
+                .notes
+                .extend(notes.into_iter().map(ReadNote::from));
             let (picture, sun) = picture.without_sun();
             self.sky = Some(Sky::Picture(Arc::new(picture)));
             self.sun = sun;

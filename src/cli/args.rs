@@ -2,6 +2,7 @@
 //! and unit.
 
 use super::messages::UsageError;
+use super::output::print_notes;
 use crate::commands::capture::place::place_headbox;
 use clap::Args;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
@@ -11,6 +12,7 @@ use headbox_core::color::exposure::Exposure;
 use headbox_core::color::tone::ToneMap;
 use headbox_core::file_frame::{FileFrame, UpAxis};
 use headbox_core::light_parameters::{LightParameters, SunPosition};
+use headbox_core::read_note::{self, ReadNote, StrictError};
 use headbox_core::view::View;
 use headbox_ldi::scene_source::SceneSource;
 use headbox_scene::load::LoadOptions;
@@ -216,6 +218,41 @@ fn parse_strength(text: &str) -> Result<f32, String> {
         .ok()
         .filter(|strength: &f32| *strength > 0.0 && *strength <= 1e9);
     strength.ok_or("give a strength above 0 and up to 1e9; --sun off for none".into())
+}
+
+/// Strict reading.
+#[derive(Args, Clone, Copy, Default)]
+pub(super) struct StrictArgs {
+    /// Fail before any work if something of the input was lost, limited or guessed while it was
+    /// read; the error lists what the notes would
+    #[arg(long)]
+    strict: bool,
+}
+
+impl StrictArgs {
+    /// Prints the notes on an input.
+    ///
+    /// # Errors
+    /// If there are notes and reading is strict.
+    pub(super) fn report(self, input: &str, notes: &[ReadNote]) -> Result<(), StrictError> {
+        self.check(input, notes)?;
+        print_notes(notes);
+        Ok(())
+    }
+
+    /// Same as [`Self::report`], without printing.
+    pub(super) fn check(self, input: &str, notes: &[ReadNote]) -> Result<(), StrictError> {
+        if self.strict {
+            read_note::refuse(input, notes)?;
+        }
+        Ok(())
+    }
+
+    /// Returns true if reading is strict.
+    #[cfg(feature = "viewer")]
+    pub(super) fn is_strict(self) -> bool {
+        self.strict
+    }
 }
 
 /// A scene.

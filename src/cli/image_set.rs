@@ -1,6 +1,6 @@
 //! Opening of image sets, with notes on standard error.
 
-use super::args::refuse_misplaced;
+use super::args::{StrictArgs, refuse_misplaced};
 use super::messages::UsageError;
 use super::output::print_notes;
 use super::progress::Bar;
@@ -30,6 +30,8 @@ pub(super) struct SetArgs {
     /// registration
     #[arg(long)]
     refine_poses: bool,
+    #[command(flatten)]
+    pub(super) strict: StrictArgs,
 }
 
 impl SetArgs {
@@ -42,6 +44,14 @@ impl SetArgs {
         ];
         let flags = flags.map(|(flag, is_given)| (flag, is_given && !is_set));
         refuse_misplaced("folders of images", flags)
+    }
+
+    /// Returns the same options without strict reading.
+    pub(super) fn lenient(self) -> Self {
+        Self {
+            strict: StrictArgs::default(),
+            ..self
+        }
     }
 
     /// Opens a set, refines its poses if requested, and prints notes on standard error.
@@ -59,7 +69,8 @@ impl SetArgs {
                 .flatten()
                 .for_each(|file| protect_input(file));
         }
-        print_notes(&set.notes);
+        let name = folder.display().to_string();
+        self.strict.report(&name, &set.notes)?;
         if self.refine_poses {
             refine(&mut set)?;
         }

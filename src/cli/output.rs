@@ -1,5 +1,6 @@
 //! Standard output, output files, and the memory used by the process.
 
+use super::args::StrictArgs;
 use super::messages::{UsageError, escape_controls, join_lines};
 use headbox_core::files;
 use headbox_core::image::codec;
@@ -223,10 +224,15 @@ impl Outputs {
         self.folder(path)
     }
 
-    /// Prints the notes of the loader, protects all files of an open scene (materials, textures),
-    /// and checks the outputs again.
-    pub(super) fn add_scene(&self, scene: &Scene) -> anyhow::Result<()> {
-        print_notes(&scene.summary.notes);
+    /// Prints the notes of the loader, or fails if there are any and reading is strict; protects all
+    /// files of an open scene (materials, textures), and checks the outputs again.
+    pub(super) fn add_scene(
+        &self,
+        name: &str,
+        scene: &Scene,
+        strict: StrictArgs,
+    ) -> anyhow::Result<()> {
+        strict.report(name, &scene.summary.notes)?;
         scene
             .summary
             .files

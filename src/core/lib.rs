@@ -50,6 +50,7 @@ pub mod named_variants;
 pub mod panics;
 pub mod progress;
 pub mod random;
+pub mod read_note;
 pub mod simd;
 pub mod statistics;
 pub mod task;

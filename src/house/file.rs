@@ -21,6 +21,7 @@ use glam::{DVec2, DVec3, Vec3};
 use headbox_core::container::{Container, ContainerWriter, FileError, FileKind, Section};
 use headbox_core::file_frame::FileFrame;
 use headbox_core::headbox::Headbox;
+use headbox_core::read_note::ReadNote;
 use headbox_cube::pack::CubeLdi;
 use headbox_cube::pack::file::CubeHeader;
 use headbox_model::{Cell, Portal, PortalModel, Prism};
@@ -62,7 +63,7 @@ struct HouseHeader {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     sky_picture: Option<([u32; 2], f64)>,
     headbox: Option<(DVec3, f64)>,
-    notes: Vec<String>,
+    notes: Vec<ReadNote>,
     positions: usize,
     normals: usize,
     texcoords: usize,

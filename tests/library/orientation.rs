@@ -8,6 +8,7 @@
 
 use glam::DVec3;
 use headbox_core::file_frame::{FileFrame, UpAxis};
+use headbox_core::read_note::ReadNote;
 use headbox_scene::load::{LoadOptions, load};
 use headbox_scene::scene::Scene;
 use std::fmt::Write;
@@ -49,7 +50,7 @@ fn obj_text(scene: &Scene, frame: &FileFrame, has_names: bool) -> String {
     text
 }
 
-fn load_text(text: &str, options: &LoadOptions) -> (FileFrame, Vec<String>) {
+fn load_text(text: &str, options: &LoadOptions) -> (FileFrame, Vec<ReadNote>) {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("scene.obj");
     std::fs::write(&path, text).unwrap();
@@ -57,7 +58,7 @@ fn load_text(text: &str, options: &LoadOptions) -> (FileFrame, Vec<String>) {
     (scene.frame, scene.summary.notes)
 }
 
-fn guess(text: &str) -> (FileFrame, Vec<String>) {
+fn guess(text: &str) -> (FileFrame, Vec<ReadNote>) {
     load_text(text, &LoadOptions::default())
 }
 

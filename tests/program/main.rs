@@ -14,3 +14,4 @@ mod portal_cli;
 mod run;
 mod sequence_cli;
 mod sprite_cli;
+mod strict_cli;

@@ -224,10 +224,13 @@ pub(crate) fn attach(set: &mut ImageSet) -> Result<(), ImagesError> {
         attached += 1;
     }
     if attached > 0 {
-        set.notes.push(format!(
-            "depth of {attached} views was estimated from the images ({})",
-            folder.display()
-        ));
+        set.notes.push(
+            format!(
+                "depth of {attached} views was estimated from the images ({})",
+                folder.display()
+            )
+            .into(),
+        );
     }
     if outdated > 0 {
         set.notes.push(format!(
@@ -235,7 +238,7 @@ pub(crate) fn attach(set: &mut ImageSet) -> Result<(), ImagesError> {
                          headbox images {} --depth",
             folder.display(),
             set.folder.display()
-        ));
+        ).into());
     }
     Ok(())
 }

@@ -14,6 +14,7 @@ use crate::view::View;
 use crate::{ImageSet, ImagesError};
 use glam::{DMat3, DQuat, DVec3};
 use headbox_core::depth_kind::DepthKind;
+use headbox_core::read_note::ReadNote;
 use std::collections::BTreeMap;
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -38,7 +39,7 @@ pub(super) struct ModelFolder {
     /// Extension of its files, `bin` or `txt`.
     pub(super) extension: &'static str,
     /// Note on other models, which are left out.
-    note: Option<String>,
+    note: Option<ReadNote>,
 }
 
 /// Returns the extension of the model's files in a folder.
@@ -105,7 +106,7 @@ fn choose_model(
     Ok(ModelFolder {
         path,
         extension,
-        note: Some(note),
+        note: Some(note.into()),
     })
 }
 

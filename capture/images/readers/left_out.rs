@@ -2,6 +2,7 @@
 
 use super::text;
 use crate::ImagesError;
+use headbox_core::read_note::ReadNote;
 
 /// Collects the frames that are left out.
 #[derive(Default)]
@@ -43,13 +44,14 @@ impl LeftOut {
     ///
     /// # Errors
     /// The first frame's error if no frame is left.
-    pub(super) fn finish(self) -> Result<Option<String>, ImagesError> {
+    pub(super) fn finish(self) -> Result<Option<ReadNote>, ImagesError> {
         match self.first {
             Some(error) if self.kept == 0 => Err(error),
-            _ => Ok(text::abbreviate(&self.frames).map(|names| {
+            _ => {
                 let all = self.frames.len() + self.kept;
-                format!("left out {} of {all} frames: {names}", self.frames.len())
-            })),
+                let sentence = format!("left out {} of {all} frames", self.frames.len());
+                Ok(text::note_names(&sentence, &self.frames))
+            }
         }
     }
 }

@@ -77,7 +77,7 @@ fn read(folder: &Path, file: &Path, text: &str) -> Result<ImageSet, ImagesError>
         .filter(|sensor| matches!(sensor, Ok(s) if s.has_skew))
         .count();
     if skewed > 0 {
-        notes.push(format!("the skew (b2) of {skewed} sensors is ignored"));
+        notes.push(format!("the skew (b2) of {skewed} sensors is ignored").into());
     }
     let cameras: Vec<Node> = chunk
         .descendants()

@@ -15,6 +15,7 @@ use glam::{DMat4, DVec3};
 use headbox_core::depth_kind::DepthKind;
 use headbox_core::file_frame::{FileFrame, UpAxis};
 use headbox_core::files;
+use headbox_core::read_note::ReadNote;
 use image::codecs::png::PngEncoder;
 use image::{ExtendedColorType, ImageEncoder};
 use serde_json::{Value, json};
@@ -47,8 +48,12 @@ pub(crate) fn open(file: &Path, allow_outside: bool) -> Result<ImageSet, ImagesE
     }
     let (views, mut notes) = list.finish();
     notes.extend(left_out.finish()?);
-    notes.extend(note_unknown_keys(&value));
-    notes.extend(depth_keys::note_unknown(&value));
+    notes.extend(note_unknown_keys(&value).map(ReadNote::from));
+    notes.extend(
+        depth_keys::note_unknown(&value)
+            .into_iter()
+            .map(ReadNote::from),
+    );
     let folder = file.parent().unwrap_or(Path::new(""));
     Ok(ImageSet {
         frame: FRAME,

@@ -13,6 +13,7 @@ use crate::view::View;
 use crate::{ImageSet, ImagesError};
 use glam::{DMat4, DVec4};
 use headbox_core::depth_kind::DepthKind;
+use headbox_core::read_note::ReadNote;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 
@@ -73,7 +74,7 @@ fn finish(
     format: &'static str,
     views: Vec<View>,
     left_out: LeftOut,
-    mut notes: Vec<String>,
+    mut notes: Vec<ReadNote>,
 ) -> Result<ImageSet, ImagesError> {
     notes.extend(left_out.finish()?);
     if views.is_empty() {
@@ -124,8 +125,7 @@ fn open_polycam(
         }
         views.push(View::new(name, size_px, lens, pose, color, depth));
     }
-    let without_depth = text::abbreviate(&without_depth);
-    let notes = without_depth.map(|names| format!("without depth: {names}"));
+    let notes = text::note_names(text::WITHOUT_DEPTH, &without_depth);
     finish(
         folder,
         "Polycam raw data",
@@ -222,7 +222,7 @@ fn open_record3d(folder: &Path, metadata: &Path) -> Result<ImageSet, ImagesError
         notes.push(format!(
             "{compressed} compressed depth files (.depth) are not read; export \"EXR + RGB\" from \
              Record3D instead"
-        ));
+        ).into());
     }
     finish(folder, "Record3D export", views, left_out, notes)
 }
@@ -278,9 +278,10 @@ fn open_splat_cameras(folder: &Path, file: &Path) -> Result<ImageSet, ImagesErro
         }
         views.push(View::new(written.into(), size_px, lens, pose, color, None));
     }
-    let resized = text::abbreviate(&resized).map(|names| {
-        format!("the sizes of images differ from cameras.json; focal lengths are scaled: {names}")
-    });
+    let resized = text::note_names(
+        "the sizes of images differ from cameras.json; focal lengths are scaled",
+        &resized,
+    );
     let notes = resized.into_iter().collect();
     finish(
         folder,

@@ -81,11 +81,9 @@ pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
     if skew_px > 0.01 {
         notes.push(format!(
             "the skew of the projection matrices, which moves pixels by up to {skew_px:.2}, is ignored"
-        ));
+        ).into());
     }
-    notes.extend(
-        text::abbreviate(&without_image).map(|names| format!("skipped, without image: {names}")),
-    );
+    notes.extend(text::note_names("skipped, without image", &without_image));
     Ok(Some(ImageSet {
         notes,
         ..ImageSet::new(folder, "projection matrices", views)

@@ -29,7 +29,7 @@ pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
             let [focal, x, y] = SEVEN_SCENES;
             notes.push(format!(
                 "no camera-intrinsics.txt: assuming {focal} px at {x}, {y}, the camera of 7-Scenes"
-            ));
+            ).into());
             create_pinhole([focal; 2], [x, y])
         }
     };
@@ -77,11 +77,11 @@ pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
             "no frame has a pose",
         ));
     }
-    notes.extend(
-        text::abbreviate(&without_pose)
-            .map(|names| format!("skipped, because tracking was lost: {names}")),
-    );
-    notes.extend(text::abbreviate(&without_depth).map(|names| format!("without depth: {names}")));
+    notes.extend(text::note_names(
+        "skipped, because tracking was lost",
+        &without_pose,
+    ));
+    notes.extend(text::note_names(text::WITHOUT_DEPTH, &without_depth));
     Ok(Some(ImageSet {
         notes,
         ..ImageSet::new(folder, "RGB-D frames", views)

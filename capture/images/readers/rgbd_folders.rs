@@ -14,6 +14,7 @@ use crate::view::View;
 use crate::{ImageSet, ImagesError};
 use glam::{DMat4, DQuat, DVec3};
 use headbox_core::depth_kind::DepthKind;
+use headbox_core::read_note::ReadNote;
 use std::path::{Path, PathBuf};
 
 /// Metres per step of depth of ScanNet.
@@ -96,12 +97,10 @@ impl Sequence {
         self,
         folder: &Path,
         format: &'static str,
-        mut notes: Vec<String>,
+        mut notes: Vec<ReadNote>,
     ) -> Result<ImageSet, ImagesError> {
         notes.extend(self.left_out.finish()?);
-        notes.extend(
-            text::abbreviate(&self.without_depth).map(|names| format!("without depth: {names}")),
-        );
+        notes.extend(text::note_names(text::WITHOUT_DEPTH, &self.without_depth));
         if self.views.is_empty() {
             return Err(ImagesError::field(folder, format, "lists no frame"));
         }
@@ -279,7 +278,7 @@ fn open_tum(folder: &Path) -> Result<ImageSet, ImagesError> {
 fn sensor_lens(
     folder: &Path,
     color: &Path,
-    notes: &mut Vec<String>,
+    notes: &mut Vec<ReadNote>,
 ) -> Result<Pinhole, ImagesError> {
     let size_px = read_size(color)?;
     if size_px != [640, 480] {
@@ -315,14 +314,18 @@ fn sensor_lens(
     let sensor = sensors.iter().find(|(name, _)| path.contains(name));
     let Some((name, k)) = sensor else {
         let [fx, fy, cx, cy] = TUM_CAMERA;
-        notes.push(format!(
+        notes.push(
+            format!(
             "no camera-intrinsics.txt: assuming {fx} px at {cx}, {cy}, the default of TUM's sensors"
-        ));
+        )
+        .into(),
+        );
         return Ok(create_pinhole([fx, fy], [cx, cy]));
     };
-    notes.push(format!(
-        "no camera-intrinsics.txt: assuming the camera of {name}, from the folder's name"
-    ));
+    notes.push(
+        format!("no camera-intrinsics.txt: assuming the camera of {name}, from the folder's name")
+            .into(),
+    );
     let distortion = Distortion {
         radial: [k[4], k[5], k[8], 0.0, 0.0, 0.0],
         tangential: [k[6], k[7]],
@@ -353,10 +356,13 @@ fn open_replica(folder: &Path) -> Result<ImageSet, ImagesError> {
         let lens = create_pinhole([fx?, fy?], [cx?, cy?]);
         lens.checked().map_err(|cause| camera.error("fx", cause))?
     } else {
-        notes.push(format!(
+        notes.push(
+            format!(
             "no cam_params.json: assuming {focal} px at {x}, {y} and {scale} steps of depth per \
              metre, the camera of Replica"
-        ));
+        )
+        .into(),
+        );
         create_pinhole([focal; 2], [x, y])
     };
     let trajectory = folder.join("traj.txt");
@@ -372,11 +378,14 @@ fn open_replica(folder: &Path) -> Result<ImageSet, ImagesError> {
         .filter(|(_, line)| !line.is_empty())
         .collect();
     if colors.len() != lines.len() {
-        notes.push(format!(
-            "traj.txt has {} poses for {} images; those without a partner are left out",
-            lines.len(),
-            colors.len()
-        ));
+        notes.push(
+            format!(
+                "traj.txt has {} poses for {} images; those without a partner are left out",
+                lines.len(),
+                colors.len()
+            )
+            .into(),
+        );
     }
     let mut sequence = Sequence::new();
     for (i, (color, (number, line))) in colors.into_iter().zip(lines).enumerate() {

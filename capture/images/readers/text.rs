@@ -1,6 +1,7 @@
 //! Numbers in plain text files, lists of files, and file names in messages.
 
 use crate::ImagesError;
+use headbox_core::read_note::ReadNote;
 use std::path::{Path, PathBuf};
 
 /// Lists the files and folders in a folder, sorted by name.
@@ -48,6 +49,14 @@ pub(super) fn file_name(path: &Path) -> String {
     path.file_name()
         .map(|name| name.to_string_lossy().into_owned())
         .unwrap_or_default()
+}
+
+/// Note on views that have an image alone.
+pub(super) const WITHOUT_DEPTH: &str = "without depth";
+
+/// Creates a note that lists names, and displays the first; `None` if there are no names.
+pub(super) fn note_names(sentence: &str, names: &[String]) -> Option<ReadNote> {
+    (!names.is_empty()).then(|| ReadNote::with_names(sentence, names, 1))
 }
 
 /// Abbreviates a list of names to the first and the number of others; `None` if it is empty.

@@ -12,6 +12,7 @@ use glam::{DVec2, DVec3};
 use headbox_core::color::linear_from_srgb;
 use headbox_core::file_frame::{FileFrame, UpAxis};
 use headbox_core::memory::{self, Reservation};
+use headbox_core::read_note::ReadNote;
 use headbox_scene::load::obj::load_text as load_obj_text;
 use headbox_scene::load::{
     Group, GroupedScene, LoadError, LoadOptions, file_stem, load_grouped, read,
@@ -120,6 +121,7 @@ pub(super) fn load(path: &Path, options: &ModelOptions) -> Result<LoadedModel, L
     let findings = model.with_tracer(PortalModel::open_borders);
     let doors = DoorGroups::find(&model, &home, &grouped.groups);
     let portions = assign_groups(&model, &grouped.groups, &doors, options, &mut notes);
+    let notes = notes.into_iter().map(ReadNote::from);
     model.scene.summary.notes.extend(notes);
     model.scene.name = file_stem(path);
     assign_triangles(&mut model, &grouped.groups, &portions);

@@ -170,7 +170,7 @@ pub(super) fn load(path: &Path) -> Result<LoadedModel, LoadError> {
                 "portal \"{}\" leads to an unknown cell \"{missing}\"",
                 portal.name
             );
-            model.scene.summary.notes.push(note);
+            model.scene.summary.notes.push(note.into());
         }
     }
     for unmatched in file.cell.iter().flat_map(|cell| &cell.groups) {
@@ -183,7 +183,7 @@ pub(super) fn load(path: &Path) -> Result<LoadedModel, LoadError> {
                 .scene
                 .summary
                 .notes
-                .push(format!("the scene file has no group \"{unmatched}\""));
+                .push(format!("the scene file has no group \"{unmatched}\"").into());
         }
     }
     assign_triangles(&mut model, &grouped.groups, &portions);

@@ -27,6 +27,7 @@ pub use gltf::HEADBOX_HALF_SIZE;
 use crate::scene::{Scene, SceneError};
 use headbox_core::container::SCENES;
 use headbox_core::file_frame::{FileFrame, UpAxis};
+use headbox_core::read_note::ReadNote;
 use headbox_core::{memory, panics};
 use std::path::{Path, PathBuf};
 
@@ -114,7 +115,7 @@ pub enum LoadError {
         /// The violated invariant; [`SceneError::NoTriangles`] for an empty file.
         cause: SceneError,
         /// Defects that were tolerated before, as in [`crate::scene::LoadSummary`].
-        notes: Vec<String>,
+        notes: Vec<ReadNote>,
     },
 }
 
@@ -158,10 +159,11 @@ fn scene_extensions() -> String {
     format!("{} or {last}", first.join(", "))
 }
 
-fn in_brackets(notes: &[String]) -> String {
+fn in_brackets(notes: &[ReadNote]) -> String {
     if notes.is_empty() {
         String::new()
     } else {
+        let notes: Vec<String> = notes.iter().map(ToString::to_string).collect();
         format!(" ({})", notes.join("; "))
     }
 }

@@ -1,6 +1,7 @@
 //! Defects that a loader tolerates, counted by kind.
 
 use crate::scene::LoadSummary;
+use headbox_core::read_note::ReadNote;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
@@ -244,31 +245,20 @@ impl Note {
         }
     }
 
-    fn sentence(self, entry: &Entry) -> String {
+    fn sentence(self, entry: &Entry) -> ReadNote {
         let [one, many, what] = self.words();
         let noun = if entry.count == 1 { one } else { many };
-        let mut sentence = format!("{} {noun} {what}", entry.count);
-        if !entry.names.is_empty() {
-            let mut shown: Vec<&str> = entry
-                .names
-                .iter()
-                .take(Notes::NAMES_SHOWN)
-                .map(String::as_str)
-                .collect();
-            if entry.names.len() > Notes::NAMES_SHOWN {
-                shown.push("...");
-            }
-            sentence += ": ";
-            sentence += &shown.join(", ");
-        }
-        sentence
+        let sentence = format!("{} {noun} {what}", entry.count);
+        let names: Vec<&str> = entry.names.iter().map(|(_, name)| name.as_str()).collect();
+        ReadNote::with_names(&sentence, &names, Notes::NAMES_SHOWN)
     }
 }
 
 #[derive(Clone, Debug, Default)]
 struct Entry {
     count: usize,
-    names: BTreeSet<String>,
+    /// Names, each behind its number in the file, or 0.
+    names: BTreeSet<(usize, String)>,
 }
 
 /// Number and names of the defects of each kind.
@@ -283,8 +273,10 @@ pub struct Notes {
 }
 
 impl Notes {
-    /// Number of names in a sentence.
+    /// Number of names that are displayed.
     const NAMES_SHOWN: usize = 5;
+    /// Number of numbered names that are kept: a file may have a defect in each of its lines.
+    const NUMBERS_KEPT: usize = 1000;
 
     /// Adds `count` defects of a kind.
     pub(super) fn add(&mut self, note: Note, count: usize) {
@@ -296,20 +288,24 @@ impl Notes {
     /// Adds a defect with a name; each name counts once.
     pub(super) fn add_named(&mut self, note: Note, name: impl Into<String>) {
         let entry = self.entries.entry(note).or_default();
-        entry.count += usize::from(entry.names.insert(name.into()));
+        entry.count += usize::from(entry.names.insert((0, name.into())));
     }
 
     /// Adds `count` defects with a common name.
     pub(super) fn add_to(&mut self, note: Note, count: usize, name: String) {
         self.add(note, count);
-        self.entries.entry(note).or_default().names.insert(name);
+        self.entries
+            .entry(note)
+            .or_default()
+            .names
+            .insert((0, name));
     }
 
-    /// Adds a defect with a number, such as that of its line; the first few are listed.
+    /// Adds a defect with a number, such as that of its line; the first thousand are listed.
     pub(super) fn add_numbered(&mut self, note: Note, what: &str, number: usize) {
         let entry = self.entries.entry(note).or_default();
-        if entry.names.len() < Self::NAMES_SHOWN {
-            entry.names.insert(format!("{what} {number}"));
+        if entry.names.len() < Self::NUMBERS_KEPT {
+            entry.names.insert((number, format!("{what} {number}")));
         }
         entry.count += 1;
     }
@@ -357,7 +353,8 @@ impl Notes {
                     .entries
                     .iter()
                     .map(|(note, entry)| note.sentence(entry));
-                self.messages.iter().cloned().chain(counted).collect()
+                let messages = self.messages.iter().map(|message| message.as_str().into());
+                messages.chain(counted).collect()
             },
             files: self.files.iter().cloned().collect(),
         }
@@ -380,8 +377,13 @@ mod tests {
         }
         let sentences = notes.summary().notes;
         assert_eq!(
-            sentences[0],
-            "7 textures could not be read: 0.png, 1.png, 2.png, 3.png, 4.png, ..."
+            sentences[0].to_string(),
+            "7 textures could not be read: 0.png, 1.png, 2.png, 3.png, 4.png and 2 more"
+        );
+        assert!(
+            sentences[0].ends_with("4.png, 5.png, 6.png"),
+            "{}",
+            &*sentences[0]
         );
         assert_eq!(sentences[1], "1 degenerate triangle left out");
     }

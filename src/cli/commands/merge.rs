@@ -2,6 +2,7 @@
 
 use super::capture::memory_limit::{MemoryLimit, run_on};
 use super::capture::warn_if_blocked;
+use crate::args::StrictArgs;
 use crate::messages::format_count;
 use crate::output::{CUBE, Outputs, output_name, peak_rss_mb, print_json};
 use crate::packing::{PackingArgs, describe_cube};
@@ -63,7 +64,7 @@ impl MergeCommand {
         let scene = source.open().context(
             "light is sampled after merging, which needs the scene (see --scene and --sky)",
         )?;
-        outputs.add_scene(&scene)?;
+        outputs.add_scene(&scene.name, &scene, StrictArgs::default())?;
         ensure!(
             fingerprint(&scene) == first.scene_fingerprint
                 && scene.triangles.len() as u32 == first.triangles,

@@ -259,6 +259,7 @@ impl ViewCommand {
             centre: self.headbox.center,
             half_size: self.headbox.half_size,
             quality: self.preset.quality.map(Preset::numbers),
+            is_strict: self.images.strict.is_strict(),
         }
     }
 

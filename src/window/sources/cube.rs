@@ -320,10 +320,13 @@ impl FrameSource for CubeSource {
     }
 
     fn notes(&self) -> Vec<String> {
-        let warning = self.live.as_ref().and_then(|live| live.warning.as_ref());
+        let Some(live) = &self.live else {
+            return Vec::new();
+        };
+        let warning = live.warning.iter().map(|text| format!("Warning: {text}."));
+        let notes = &live.tracer.scene().summary.notes;
         warning
-            .map(|text| format!("Warning: {text}."))
-            .into_iter()
+            .chain(notes.iter().map(|note| format!("{note}.")))
             .collect()
     }
 

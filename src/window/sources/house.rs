@@ -7,6 +7,7 @@ use crate::threads::FewerThreads;
 use headbox_core::bounces::Bounces;
 use headbox_core::file_frame::FileFrame;
 use headbox_core::progress::Silent;
+use headbox_core::read_note;
 use headbox_core::task::{Shared, Task, low_priority_pool};
 use headbox_core::view::View;
 use headbox_house::backdrop::BackdropQuality;
@@ -96,14 +97,20 @@ impl HouseSource {
         Self::of_model("builtin:house".into(), model)
     }
 
-    /// A portal model: a home, or a TOML model.
+    /// A portal model: a home, or a TOML model; refused if there are notes on its scene and reading
+    /// is strict.
     ///
     /// # Errors
     /// One sentence.
-    pub(super) fn load(path: &Path) -> Result<Self, String> {
+    pub(super) fn load(path: &Path, is_strict: bool) -> Result<Self, String> {
         let LoadedModel { model, findings } =
             load_model(path, &ModelOptions::default()).map_err(|error| error.to_string())?;
         let (frame, count) = (model.scene.frame, findings.len());
+        let scene_notes = model.scene.summary.notes.clone();
+        if is_strict {
+            read_note::refuse(&path.display().to_string(), &scene_notes)
+                .map_err(|error| error.to_string())?;
+        }
         let source = Self::of_model(format!("{} (home)", file_name(path)), model)?;
         let most = findings.into_iter().take(MOST_NOTES);
         let mut notes: Vec<String> = most
@@ -116,6 +123,7 @@ impl HouseSource {
                 path.display()
             ));
         }
+        notes.extend(scene_notes.iter().map(ToString::to_string));
         Ok(Self { notes, ..source })
     }
 

@@ -96,7 +96,8 @@ pub fn open_source(
         _ if name.starts_with("builtin:") => Box::new(capture(source)?),
         Some("exr") => show_cube(deep_picture(path).map_err(OpenError::Scene)?, path),
         Some(extension) if HOMES.contains(&extension) => {
-            Box::new(HouseSource::load(path).map_err(OpenError::Scene)?)
+            let house = HouseSource::load(path, options.is_strict);
+            Box::new(house.map_err(OpenError::Scene)?)
         }
         Some(extension) if SCENES.contains(&extension) => Box::new(capture(source)?),
         _ => match headbox_views::find(path) {

@@ -10,6 +10,7 @@
 
 use glam::DVec3;
 use headbox_core::headbox::Headbox;
+use headbox_core::read_note;
 use headbox_core::task::{Shared, Task, low_priority_pool};
 use headbox_cube::model::parameters::CaptureParameters;
 use headbox_cube::pack::{CubeLdi, SplatIndexLayout, Split};
@@ -35,6 +36,8 @@ pub struct CaptureOptions {
     pub half_size: Option<f64>,
     /// Face size (pixels) and parameters of the last round.
     pub quality: Option<(u32, CaptureParameters)>,
+    /// Refuses a scene on which its loader has notes.
+    pub is_strict: bool,
 }
 
 /// Settings of one round of a progressive capture.
@@ -212,6 +215,10 @@ impl ProgressiveCapture {
         options: &CaptureOptions,
     ) -> Result<(Self, CapturePlace), String> {
         let scene = Arc::new(source.open().map_err(|error| error.to_string())?);
+        if options.is_strict {
+            read_note::refuse(&source.name, &scene.summary.notes)
+                .map_err(|error| error.to_string())?;
+        }
         Self::start_in(scene, source, options, rounds(options.quality))
     }
 
@@ -462,7 +469,7 @@ mod tests {
         let options = CaptureOptions {
             centre: Some(DVec3::new(0.0, 1.5, 0.5)),
             half_size: Some(0.25),
-            quality: None,
+            ..CaptureOptions::default()
         };
         let (_capture, place) = start_small(&source, &options);
         assert_eq!(place.headbox.centre, DVec3::new(0.0, 1.5, 0.5));

@@ -83,6 +83,7 @@ impl CaptureCommand {
                 "depth_pixels": packed.depth_pixel_count(),
                 "bytes": packed.bytes(),
                 "face_size": packed.face_size_px,
+                "notes": set.notes,
             }));
             return Ok(());
         }

@@ -37,6 +37,7 @@ use glam::DVec3;
 use headbox_core::file_frame::{figure, triple};
 use headbox_core::files;
 use headbox_core::headbox::Headbox;
+use headbox_core::read_note::ReadNote;
 use headbox_ldi::accumulate::shard::{self, ShardInfo};
 use headbox_ldi::capture::SceneCapture;
 use headbox_ldi::from_deep::DeepCameraOptions;
@@ -185,7 +186,8 @@ impl CaptureCommand {
         let source = self.scene.source();
         let outputs = self.check_output(&source.name)?;
         let scene = Arc::new(source.open()?);
-        outputs.add_scene(&scene)?;
+        outputs.add_scene(self.scene.name(), &scene, self.images.strict)?;
+        let notes = scene.summary.notes.clone();
         let Headbox {
             centre,
             half_size_m,
@@ -237,7 +239,7 @@ impl CaptureCommand {
         };
         let capture = SceneCapture::new(&spec, &tracer, &lighting, &options);
         if self.shard.is_some() {
-            return run_on(threads, || self.write_shard(&capture, &bar, start))?;
+            return run_on(threads, || self.write_shard(&capture, &bar, start, &notes))?;
         }
         let (ldi, trace_time) = run_on(threads, || capture.run())?.context("the capture failed")?;
         let [low, high] = scene.bounds();
@@ -264,7 +266,7 @@ impl CaptureCommand {
             estimated_s: estimate.seconds(),
             stages: bar.times(),
         };
-        self.report(&packed, &times);
+        self.report(&packed, &times, &notes);
         Ok(())
     }
 
@@ -328,7 +330,13 @@ impl CaptureCommand {
     }
 
     /// Traces and writes a shard.
-    fn write_shard(&self, capture: &SceneCapture, bar: &Bar, start: Instant) -> anyhow::Result<()> {
+    fn write_shard(
+        &self,
+        capture: &SceneCapture,
+        bar: &Bar,
+        start: Instant,
+        notes: &[ReadNote],
+    ) -> anyhow::Result<()> {
         let tracing = capture.trace().context("tracing failed")?;
         let info = ShardInfo::new(capture, &tracing);
         shard::write(&self.output, &info, &tracing)?;
@@ -342,6 +350,7 @@ impl CaptureCommand {
                 "total_s": start.elapsed().as_secs_f64(),
                 "peak_rss_mb": peak_rss_mb(),
                 "shard": format!("{part}/{parts}"),
+                "notes": notes,
             }));
         } else {
             let output = output_name(&self.output);

@@ -6,6 +6,7 @@ use crate::output::{output_name, peak_rss_mb, print_json};
 use crate::packing::describe_cube;
 use crate::progress::duration;
 use headbox_core::files;
+use headbox_core::read_note::ReadNote;
 use headbox_cube::model::info::Holes;
 use headbox_cube::pack::CubeLdi;
 use serde_json::json;
@@ -21,7 +22,7 @@ pub(super) struct CaptureTimes {
 
 impl CaptureCommand {
     /// Prints the result of a capture.
-    pub(super) fn report(&self, cube: &CubeLdi, times: &CaptureTimes) {
+    pub(super) fn report(&self, cube: &CubeLdi, times: &CaptureTimes, notes: &[ReadNote]) {
         let rays = cube.info.rays_traced;
         let rays_per_s = rays as f64 / times.trace_s;
         let missing: Vec<f64> = cube
@@ -48,6 +49,7 @@ impl CaptureCommand {
                 "blocked_share": cube.info.blocked_share,
                 "estimated_s": times.estimated_s,
                 "holes": cube.info.holes,
+                "notes": notes,
             }));
             return;
         }

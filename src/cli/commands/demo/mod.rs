@@ -7,6 +7,7 @@
 mod measure;
 mod summary;
 
+use crate::args::StrictArgs;
 use crate::commands::capture::estimate::Estimate;
 use crate::commands::capture::place::place_headbox;
 use crate::messages::shell_quote;
@@ -149,7 +150,7 @@ impl DemoCommand {
         let outputs = Outputs::new(false, [&self.scene]).folder(&self.out)?;
         let source = SceneSource::new(&self.scene);
         let scene = Arc::new(source.open()?);
-        outputs.add_scene(&scene)?;
+        outputs.add_scene(&scene.name, &scene, StrictArgs::default())?;
         let headbox = place_headbox(&scene, None, None)?;
         let triangles = scene.triangles.len();
         println!(

@@ -6,7 +6,7 @@
 pub(crate) mod file;
 mod write;
 
-use crate::args::LightArgs;
+use crate::args::{LightArgs, StrictArgs};
 use crate::output::{Outputs, PLAN, print_json, write_text};
 use clap::Args;
 use glam::{DVec2, DVec3};
@@ -46,6 +46,8 @@ pub(crate) struct HouseCommand {
     #[command(flatten)]
     light: LightArgs,
     #[command(flatten)]
+    strict: StrictArgs,
+    #[command(flatten)]
     file: HouseFileArgs,
     /// Print one JSON object on standard output
     #[arg(long)]
@@ -69,7 +71,7 @@ impl HouseCommand {
             mut findings,
         } = self.open()?;
         model.scene.set_light(&self.light.parameters())?;
-        outputs.add_scene(&model.scene)?;
+        outputs.add_scene(&self.model, &model.scene, self.strict)?;
         if self.rays > 0 && !model.cells.is_empty() {
             let [low, high] = model.scene.bounds();
             let tracer = Tracer::new(Arc::new(model.scene.clone()), (low + high) / 2.0);

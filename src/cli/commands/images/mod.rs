@@ -157,9 +157,11 @@ impl ImagesCommand {
             self.align()?;
         }
         let found = self.depth.run(&self.folder, &self.set)?;
-        let set = self
-            .set
-            .open(found.as_ref().map_or(&self.folder, |found| &found.folder))?;
+        let set = match &found {
+            // Its notes are on the depth that was estimated on request.
+            Some(found) => self.set.lenient().open(&found.folder)?,
+            None => self.set.open(&self.folder)?,
+        };
         let pairs = self
             .pairs
             .min(set.views_with_depth().count().saturating_sub(1));

@@ -171,7 +171,7 @@ impl LumigraphCommand {
             Outputs::new(self.json, [Path::new(&self.scene)]).file(&self.output, &LUMIGRAPH)?;
         let source = self.source.source(&self.scene);
         let scene = Arc::new(source.open()?);
-        outputs.add_scene(&scene)?;
+        outputs.add_scene(&self.scene, &scene, self.images.strict)?;
         let (grids, tracer) = self.grid.place(&scene)?;
         let bounces = self
             .quality

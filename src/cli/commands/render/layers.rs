@@ -67,7 +67,7 @@ pub(crate) fn open(files: &[PathBuf], images: &SetArgs) -> anyhow::Result<Layers
     };
     let polygons = models
         .iter()
-        .map(|model| model.open(&start.file_frame, cubes.first()))
+        .map(|model| model.open(&start.file_frame, cubes.first(), images.strict))
         .collect::<Result<Vec<_>, _>>()?;
     let sprites = sprites.unwrap_or_else(|| SpriteSet::new(Vec::new()));
     let layers = Composition::new(sprites, cubes).with_polygons(polygons);

@@ -1,7 +1,7 @@
 //! Polygon models on the command line, composed with images:
 //! `NAME@at=X,Y,Z@turn=DEG@scale=S@up=z@unit=cm`.
 
-use crate::args::{parse_length, parse_unit, parse_up, parse_vector, split_settings};
+use crate::args::{StrictArgs, parse_length, parse_unit, parse_up, parse_vector, split_settings};
 use crate::messages::UsageError;
 use crate::progress::Bar;
 use anyhow::Context;
@@ -82,6 +82,7 @@ impl PolygonsArg {
         &self,
         frame: &FileFrame,
         cube: Option<&CubeLdi>,
+        strict: StrictArgs,
     ) -> anyhow::Result<Polygons> {
         let source = SceneSource {
             options: LoadOptions {
@@ -96,6 +97,7 @@ impl PolygonsArg {
             .files
             .iter()
             .for_each(|file| files::protect_input(file));
+        strict.check(&self.name, &scene.summary.notes)?;
         scene
             .summary
             .notes

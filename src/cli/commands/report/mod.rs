@@ -334,7 +334,7 @@ impl ReportCommand {
             source.open()?
         };
         let scene = Arc::new(scene);
-        outputs.add_scene(&scene)?;
+        outputs.add_scene(&source.name, &scene, self.images.strict)?;
         let Headbox {
             mut centre,
             mut half_size_m,

@@ -10,9 +10,7 @@ use crate::args::{
 };
 use crate::commands::sprite::sequence::SequenceArgs;
 use crate::messages::UsageError;
-use crate::output::{
-    Outputs, SPRITES, has_extension, peak_rss_mb, print_damage, print_json, print_notes, write_text,
-};
+use crate::output::{Outputs, SPRITES, has_extension, peak_rss_mb, print_json, write_text};
 use crate::progress::Bar;
 use anyhow::{Context, bail};
 use clap::Args;
@@ -21,6 +19,7 @@ use headbox_core::bounces::Bounces;
 use headbox_core::depth_kind::DepthKind;
 use headbox_core::image::codec;
 use headbox_core::image::orientation::{self, Orientation};
+use headbox_core::read_note::ReadNote;
 use headbox_cube::model::parameters::CaptureParameters;
 use headbox_images::depth::DepthPicture;
 use headbox_lab::sprite_range::SpriteRange;
@@ -242,7 +241,7 @@ impl SpriteCommand {
 
     fn capture(&self, source: &SceneSource, outputs: &Outputs) -> anyhow::Result<SpriteSet> {
         let scene = Arc::new(source.open()?);
-        outputs.add_scene(&scene)?;
+        outputs.add_scene(&source.name, &scene, self.sequence.set.strict)?;
         let (camera, tracer) = self.camera.aim(&scene)?;
         let lighting = Lighting::prepare_paths(
             &tracer,
@@ -290,7 +289,8 @@ impl SpriteCommand {
         let color = codec::read(color_path, codec::MAX_BYTES);
         let color = color
             .with_context(|| format!("{} could not be read as an image", color_path.display()))?;
-        print_damage(color_path, &color);
+        let damage = color.damage.as_ref();
+        let damage = damage.map(|damage| format!("{}: {damage}", color_path.display()));
         let mut color = color.image;
         let turn = orientation::read(color_path);
         color.apply_orientation(turn);
@@ -299,7 +299,13 @@ impl SpriteCommand {
         let depth = DepthPicture::read(depth_path, unit, float_unit)?;
         let size = color.dimensions();
         let (depth, notes) = fit_depth(depth, turn, [color_path, depth_path], size, kind)?;
-        print_notes(notes);
+        let notes: Vec<ReadNote> = damage
+            .into_iter()
+            .chain(notes)
+            .map(ReadNote::from)
+            .collect();
+        let name = color_path.display().to_string();
+        self.sequence.set.strict.report(&name, &notes)?;
         if self.camera.size.is_some_and(|wanted| wanted != size) {
             bail_usage!(
                 "{} has {}x{} pixels; leave --size out",

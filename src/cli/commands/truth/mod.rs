@@ -3,7 +3,7 @@
 mod goal;
 
 use self::goal::{Goal, RoundProgress};
-use crate::args::{CameraArgs, DefaultCamera, SceneArgs, parse_sides, refuse_given};
+use crate::args::{CameraArgs, DefaultCamera, SceneArgs, StrictArgs, parse_sides, refuse_given};
 use crate::commands::render::radiance::{is_radiance, save_radiance};
 use crate::interrupt;
 use crate::messages::UsageError;
@@ -35,6 +35,8 @@ use std::time::Instant;
 pub(crate) struct TruthCommand {
     #[command(flatten)]
     scene: SceneArgs,
+    #[command(flatten)]
+    strict: StrictArgs,
     /// Image to write: .png, .jpg, .webp, .tif, .bmp or .tga, or linear radiance, .exr; `-` for
     /// standard output (PNG); with --images a folder
     #[arg(short, long)]
@@ -136,7 +138,7 @@ impl TruthCommand {
         let cube = CubeLdi::read(Path::new(self.scene.name()))?;
         let info = cube.info.clone();
         let mut scene = LitScene::reopen(&info).map_err(|error| anyhow!(error))?;
-        outputs.add_scene(scene.tracer.scene())?;
+        outputs.add_scene(&info.scene, scene.tracer.scene(), self.strict)?;
         scene.guide();
         let default = DefaultCamera::from_view(&TruthView::new(cube), None);
         Ok(Subject {
@@ -148,7 +150,7 @@ impl TruthCommand {
 
     fn open_scene(&self, outputs: &Outputs) -> anyhow::Result<Subject> {
         let scene = Arc::new(self.scene.source().open()?);
-        outputs.add_scene(&scene)?;
+        outputs.add_scene(self.scene.name(), &scene, self.strict)?;
         let (camera, tracer) = self.camera.aim(&scene)?;
         let place = if self.unlit {
             camera.eye() // nothing is metered
