@@ -42,6 +42,7 @@ pub mod files;
 pub mod frame;
 pub mod headbox;
 pub mod image;
+pub mod inputs;
 pub mod light_parameters;
 pub mod lru;
 pub mod memory;

@@ -1,6 +1,7 @@
-//! Headboxes that are requested in bad places, and the same flags in the window.
+//! Headboxes that are requested in bad places, and the same flags in the window; extensions in help.
 
-use crate::run::headbox;
+use crate::run::{headbox, succeeds};
+use headbox_core::inputs::{HOMES, REPRESENTATIONS, SCENES, shown_extensions};
 use std::path::Path;
 
 const SMALL: [&str; 8] = [
@@ -88,6 +89,30 @@ fn window_has_flags_of_capture_for_scenes_only() {
             let message = String::from_utf8(output.stderr).expect("UTF-8");
             assert_eq!(output.status.code(), Some(2), "{input}: {message}");
             assert!(message.contains(flag), "{input}: {message}");
+        }
+    }
+}
+
+#[cfg(feature = "viewer")]
+#[test]
+fn help_names_every_extension_of_inputs() {
+    let dir = tempfile::tempdir().unwrap();
+    let scenes = [&SCENES[..], &HOMES[1..]].concat();
+    let commands = [
+        ("view", shown_extensions()),
+        ("capture", scenes.clone()),
+        ("truth", scenes.clone()),
+        ("lumigraph", scenes),
+        ("info", REPRESENTATIONS.to_vec()),
+    ];
+    for (command, extensions) in commands {
+        let help = succeeds(dir.path(), &[command, "--help"]);
+        for extension in extensions {
+            let named = [format!(".{extension}"), format!("Home.{extension}")];
+            assert!(
+                named.iter().any(|name| help.contains(name)),
+                "{command}: {extension}"
+            );
         }
     }
 }

@@ -15,7 +15,7 @@ mod toml;
 mod xml;
 
 use crate::{Finding, PortalModel};
-use headbox_core::container::HOMES;
+use headbox_core::inputs::HOMES;
 use headbox_scene::load::{LoadError, LoadOptions, catch_panics, extension_of, load};
 use headbox_scene::scene::Scene;
 use std::path::Path;

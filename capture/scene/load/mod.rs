@@ -25,8 +25,8 @@ pub use builder::{Group, GroupedScene};
 pub use gltf::HEADBOX_HALF_SIZE;
 
 use crate::scene::{Scene, SceneError};
-use headbox_core::container::SCENES;
 use headbox_core::file_frame::{FileFrame, UpAxis};
+use headbox_core::inputs::{SCENES, join_extensions};
 use headbox_core::read_note::ReadNote;
 use headbox_core::{memory, panics};
 use std::path::{Path, PathBuf};
@@ -141,7 +141,7 @@ fn unknown_format(path: &Path) -> String {
         format!(
             "unknown scene format; use an {} file, a home (Home.xml, .sh3d or .toml), or \
              builtin:NAME (see headbox scenes)",
-            scene_extensions()
+            join_extensions(&SCENES)
         )
     }
 }
@@ -152,12 +152,6 @@ const FORMATS_TO_CONVERT: [&str; 31] = [
     "jt", "lwo", "ma", "max", "mb", "off", "rvt", "skp", "step", "stp", "usd", "usda", "usdc",
     "usdz", "vrml", "wrl", "x3d", "xsi",
 ];
-
-/// Returns the extensions of scene files for messages: ".obj, .gltf or .glb".
-fn scene_extensions() -> String {
-    let [first @ .., last] = SCENES.map(|extension| format!(".{extension}"));
-    format!("{} or {last}", first.join(", "))
-}
 
 fn in_brackets(notes: &[ReadNote]) -> String {
     if notes.is_empty() {

@@ -22,6 +22,7 @@ mod tests;
 pub use stored::StoredSection;
 
 use crate::files::write_whole;
+use crate::inputs::{HOMES, REPRESENTATIONS, SCENES, join_extensions};
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
@@ -37,12 +38,6 @@ const ENTRY_BYTES: usize = 32;
 const NAME_BYTES: usize = 12;
 const ALIGNMENT: usize = 64;
 const MAX_SECTIONS: usize = 4096;
-
-/// File name extensions of scenes.
-pub const SCENES: [&str; 5] = ["obj", "gltf", "glb", "ply", "stl"];
-
-/// File name extensions of homes: Sweet Home 3D plans, their archives, and TOML models.
-pub const HOMES: [&str; 3] = ["xml", "sh3d", "toml"];
 
 /// Kind of content of a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -123,7 +118,10 @@ fn advice_for(path: &Path) -> String {
                 house.display()
             )
         }
-        _ => "give a .ldi, .sprite, .lumi, .house or .shard file".into(),
+        _ => {
+            let own = [&REPRESENTATIONS[..], &["shard"]].concat();
+            format!("give a {} file", join_extensions(&own))
+        }
     }
 }
 

@@ -11,7 +11,7 @@ use crate::marks::{MarkedSource, Marks};
 use glam::{DVec3, Vec3};
 use headbox_core::camera::Camera;
 use headbox_core::color::{linear_from_srgb8, srgb8_from_linear};
-use headbox_core::container::{HOMES, SCENES};
+use headbox_core::inputs::{self, DEEP_IMAGES, HOMES, SCENES};
 use headbox_core::progress::Silent;
 use headbox_core::view::View;
 use headbox_cube::pack::{CubeLdi, SplatIndexLayout, Split};
@@ -36,10 +36,7 @@ use std::sync::Arc;
 #[derive(Debug, thiserror::Error)]
 pub enum OpenError {
     /// The file is of a kind that cannot be shown.
-    #[error(
-        "{name}: only cube LDIs (.ldi), deep pictures (.exr), sprites (.sprite), lumigraphs (.lumi), houses (.house), homes (Home.xml, \
-         .sh3d, .toml), scenes (.obj, .gltf, .glb, .ply, .stl) and builtin:NAME can be shown"
-    )]
+    #[error("{name}: only these can be shown: {}", inputs::describe_shown())]
     Kind {
         /// Name of the file.
         name: String,
@@ -94,7 +91,9 @@ pub fn open_source(
     let source: Box<dyn FrameSource> = match extension.as_deref() {
         _ if name == HOUSE => Box::new(HouseSource::builtin().map_err(OpenError::Scene)?),
         _ if name.starts_with("builtin:") => Box::new(capture(source)?),
-        Some("exr") => show_cube(deep_picture(path).map_err(OpenError::Scene)?, path),
+        Some(extension) if DEEP_IMAGES.contains(&extension) => {
+            show_cube(deep_picture(path).map_err(OpenError::Scene)?, path)
+        }
         Some(extension) if HOMES.contains(&extension) => {
             let house = HouseSource::load(path, options.is_strict);
             Box::new(house.map_err(OpenError::Scene)?)
@@ -279,14 +278,13 @@ impl Library for SceneLibrary {
     }
 
     fn extensions(&self) -> Vec<String> {
+        let mut extensions = inputs::shown_extensions();
+        // Representations of other crates are added at run time.
         let views = headbox_views::all();
         let views = views.iter().map(|representation| representation.extension);
-        views
-            .chain(["exr"])
-            .chain(HOMES)
-            .chain(SCENES)
-            .map(str::to_owned)
-            .collect()
+        let added: Vec<&str> = views.filter(|view| !extensions.contains(view)).collect();
+        extensions.extend(added);
+        extensions.into_iter().map(str::to_owned).collect()
     }
 
     fn open_entry(&mut self, id: &str) -> Result<Box<dyn FrameSource>, String> {
@@ -322,6 +320,23 @@ mod tests {
         assert!(message("no/such.obj").contains("no/such.obj"));
         assert!(message("no/Home.xml").contains("no/Home.xml"));
         assert!(message("builtin:nonsense").contains("nonsense"));
+    }
+
+    #[test]
+    fn every_shown_extension_is_opened() {
+        let mut library = SceneLibrary {
+            output_dir: ".".into(),
+        };
+        for extension in library.extensions() {
+            let name = format!("no/such.{extension}");
+            let error = library.open_file(Path::new(&name)).err().unwrap();
+            assert!(error.contains(&name), "{error}");
+            assert!(!error.contains("only these"), "{error}");
+        }
+        for representation in headbox_views::all() {
+            let extension = representation.extension;
+            assert!(inputs::REPRESENTATIONS.contains(&extension), "{extension}");
+        }
     }
 
     #[test]
