@@ -8,7 +8,7 @@ use headbox_export::deep::{self, DeepSummary, Faces};
 use headbox_export::from_sprites;
 use headbox_export::mesh::glb::{self, GlbBudget, GlbSummary};
 use headbox_export::page::Page;
-use headbox_export::points::{PointBudget, PointSummary, ply, splats};
+use headbox_export::points::{PointBudget, PointSummary, ply, splats, splats_glb};
 use headbox_house::view::HouseView;
 use headbox_house::walk_path::WalkPath;
 use headbox_lumigraph::view::LumigraphView;
@@ -42,7 +42,9 @@ pub struct ExportOptions {
     pub title: String,
     /// Maximum number of triangles of a `.glb`.
     pub triangles: u64,
-    /// Maximum number of Gaussians or points of a `.ply`.
+    /// Gaussians instead of triangles in a `.glb`.
+    pub has_gaussians: bool,
+    /// Maximum number of Gaussians of a `.glb` or `.ply`, or of points of a `.ply`.
     pub gaussians: Option<u64>,
     /// Maximum size of a `.glb` or `.ply`, bytes.
     pub bytes: Option<u64>,
@@ -130,6 +132,11 @@ fn write_glb(
     progress: &dyn Progress,
     to: &mut dyn Write,
 ) -> Result<ExportSummary, ViewError> {
+    if options.has_gaussians {
+        let cube = cube(view)?;
+        let summary = splats_glb::write(&cube, point_budget(options), progress, to)?;
+        return Ok(describe_points("Gaussians", summary));
+    }
     let budget = GlbBudget {
         triangles: options.triangles,
         bytes: options.bytes,
@@ -173,15 +180,25 @@ fn write_ply(
     to: &mut dyn Write,
 ) -> Result<ExportSummary, ViewError> {
     let cube = cube(view)?;
-    let budget = PointBudget {
-        points: options.gaussians,
-        bytes: options.bytes,
-    };
+    let budget = point_budget(options);
     let (kind, summary) = if options.points {
         ("points", ply::write_points(&cube, budget, progress, to)?)
     } else {
         ("Gaussians", splats::write_ply(&cube, budget, progress, to)?)
     };
+    Ok(describe_points(kind, summary))
+}
+
+/// Returns the budget of a file of points.
+fn point_budget(options: &ExportOptions) -> PointBudget {
+    PointBudget {
+        points: options.gaussians,
+        bytes: options.bytes,
+    }
+}
+
+/// Describes a file of points.
+fn describe_points(kind: &str, summary: PointSummary) -> ExportSummary {
     let PointSummary {
         points,
         samples,
@@ -197,7 +214,7 @@ fn write_ply(
         "{dropped_samples} samples, those that the headbox sees least, are left out to stay within the budget; give more \
          --gaussians or --mb"
     );
-    Ok(ExportSummary {
+    ExportSummary {
         details: format!(", {points} {kind}{reduced}"),
         figures: vec![
             ("points", points.into()),
@@ -209,7 +226,7 @@ fn write_ply(
             .then_some(warning)
             .into_iter()
             .collect(),
-    })
+    }
 }
 
 fn write_exr(

@@ -370,3 +370,37 @@ fn padding_and_byte_order_mark_of_json_are_skipped() {
         assert_eq!(folder.load(name).expect(name).triangles.len(), 2, "{name}");
     }
 }
+
+#[test]
+fn splats_next_to_a_mesh_are_left_out_and_noted() {
+    let splats = |name: &str| {
+        let primitive =
+            format!(r#"{{"mode":0,"attributes":{{"POSITION":0}},"extensions":{{"{name}":{{}}}}}}"#);
+        let both = SQUARE.replace(
+            r#""primitives":["#,
+            &format!(r#""primitives":[{primitive},"#),
+        );
+        let alone = format!(r#""meshes":[{{"primitives":[{primitive}]}}]"#);
+        [both, alone]
+    };
+    for name in [
+        "KHR_gaussian_splatting",
+        "KHR_spz_gaussian_splats_compression",
+    ] {
+        let [both, alone] = splats(name);
+        let scene = load_text(square().gltf(&format!("{NODE},{both}"))).expect("loads");
+        assert_eq!(scene.triangles.len(), 2, "{name}");
+        let note = "1 cloud of Gaussian splats left out, because splats have no surface that rays \
+                    could meet";
+        assert_eq!(scene.summary.notes, [note], "{name}");
+        let error = load_text(square().gltf(&format!("{NODE},{alone}"))).expect_err("refused");
+        assert!(
+            error.contains("a cloud of Gaussian splats, not a mesh"),
+            "{error}"
+        );
+    }
+    let [both, _] = splats("KHR_gaussian_splatting");
+    let required = r#""extensionsRequired":["KHR_gaussian_splatting"]"#;
+    let scene = load_text(square().gltf(&format!("{NODE},{both},{required}"))).expect("loads");
+    assert_eq!(scene.summary.notes.len(), 1);
+}

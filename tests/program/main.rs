@@ -13,5 +13,6 @@ mod lumigraph_cli;
 mod portal_cli;
 mod run;
 mod sequence_cli;
+mod splats_cli;
 mod sprite_cli;
 mod strict_cli;

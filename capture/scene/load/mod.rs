@@ -132,7 +132,9 @@ impl LoadError {
 /// Explains why a file that is not a supported scene is refused.
 fn unknown_format(path: &Path) -> String {
     let extension = extension_of(path);
-    if FORMATS_TO_CONVERT.contains(&extension.as_str()) {
+    if SPLAT_FORMATS.contains(&extension.as_str()) {
+        SPLATS_REFUSED.into()
+    } else if FORMATS_TO_CONVERT.contains(&extension.as_str()) {
         format!(
             ".{extension} scenes are not read; save the scene as .glb and open that (for example \
              in Blender: File > Import, then File > Export > glTF 2.0)"
@@ -145,6 +147,13 @@ fn unknown_format(path: &Path) -> String {
         )
     }
 }
+
+/// Extensions of files of Gaussian splats.
+const SPLAT_FORMATS: [&str; 4] = ["ksplat", "sog", "splat", "spz"];
+
+/// Message about a file with Gaussian splats alone.
+const SPLATS_REFUSED: &str = "a cloud of Gaussian splats, not a mesh: splats have no surface that \
+     rays could meet and are not read; open the scene, images or capture that they were made from";
 
 /// Extensions of scene files that are known and not read.
 const FORMATS_TO_CONVERT: [&str; 31] = [

@@ -239,25 +239,34 @@ impl File {
             "accessors": self.accessors, "bufferViews": self.views,
             "buffers": [{"byteLength": self.bytes.len()}],
         });
-        let mut json = all.to_string().into_bytes();
-        json.resize(json.len().next_multiple_of(4), b' ');
-        let total = 12 + 8 + json.len() as u64 + 8 + self.bytes.len() as u64;
-        let length = u32::try_from(total).map_err(|_| ExportError::TooLarge {
-            bytes: total,
-            limit: u64::from(u32::MAX),
-        })?;
-        let mut file = Vec::with_capacity(total as usize);
-        file.extend_from_slice(b"glTF");
-        for word in [2, length, json.len() as u32] {
-            file.extend_from_slice(&word.to_le_bytes());
-        }
-        file.extend_from_slice(b"JSON");
-        file.extend_from_slice(&json);
-        file.extend_from_slice(&(self.bytes.len() as u32).to_le_bytes());
-        file.extend_from_slice(b"BIN\0");
+        let mut file = glb_header(&all, self.bytes.len() as u64)?;
         file.extend_from_slice(&self.bytes);
         Ok(file)
     }
+}
+
+/// Returns the bytes of a GLB before its binary data of `binary_bytes`, a multiple of four.
+///
+/// # Errors
+/// [`ExportError::TooLarge`] if the file would have more than 4 GiB.
+pub(crate) fn glb_header(json: &Value, binary_bytes: u64) -> Result<Vec<u8>, ExportError> {
+    let mut json = json.to_string().into_bytes();
+    json.resize(json.len().next_multiple_of(4), b' ');
+    let total = 12 + 8 + json.len() as u64 + 8 + binary_bytes;
+    let length = u32::try_from(total).map_err(|_| ExportError::TooLarge {
+        bytes: total,
+        limit: u64::from(u32::MAX),
+    })?;
+    let mut file = Vec::with_capacity(json.len() + 28);
+    file.extend_from_slice(b"glTF");
+    for word in [2, length, json.len() as u32] {
+        file.extend_from_slice(&word.to_le_bytes());
+    }
+    file.extend_from_slice(b"JSON");
+    file.extend_from_slice(&json);
+    file.extend_from_slice(&(binary_bytes as u32).to_le_bytes());
+    file.extend_from_slice(b"BIN\0");
+    Ok(file)
 }
 
 /// Returns the texels of a face of the environment with about 1 / `scale` of the width, and their

@@ -3,7 +3,7 @@
 
 mod atlas;
 pub mod glb;
-mod glb_file;
+pub(crate) mod glb_file;
 mod resample;
 mod sheets;
 

@@ -1,8 +1,9 @@
-//! Captures as points: surfels, Gaussian splats and PLY.
+//! Captures as points: surfels, Gaussian splats, PLY and GLB.
 
 pub mod ply;
 mod reduce;
 pub mod splats;
+pub mod splats_glb;
 pub(crate) mod surfels;
 
 use self::reduce::Reduced;

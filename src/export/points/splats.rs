@@ -60,34 +60,45 @@ pub fn write_ply(
     let points = Points::new(cube, true, budget, sizes, progress)?;
     to.write_all(ply::header(cube, &PROPERTIES, points.summary.points).as_bytes())?;
     points.for_each(progress, &mut |surfel| {
-        let values = Gaussian::new(surfel).values();
+        let values = Gaussian::new(surfel, flip).values();
         Ok(to.write_all(&values.map(f32::to_le_bytes).concat())?)
     })?;
     Ok(points.summary)
 }
 
 /// Flat Gaussian.
-struct Gaussian {
-    position: Vec3,
+pub(super) struct Gaussian {
+    pub(super) position: Vec3,
     normal: Vec3,
     /// Standard deviations along its axes, metres; the third axis is the normal.
-    deviations: [f32; 3],
-    rotation: Quat,
+    pub(super) deviations: [f32; 3],
+    pub(super) rotation: Quat,
     /// sRGB, straight alpha.
-    color_srgb: [u8; 4],
+    pub(super) color_srgb: [u8; 4],
+}
+
+/// Turns a vector into the axes of trained splats: X right, Y down, Z ahead.
+fn flip(v: Vec3) -> Vec3 {
+    Vec3::new(v.x, -v.y, -v.z)
+}
+
+/// Returns the coefficients of the spherical harmonic of degree 0 that give a colour.
+pub(super) fn harmonics([r, g, b, _]: [u8; 4]) -> [f32; 3] {
+    [r, g, b].map(|c| (f32::from(c) / 255.0 - 0.5) / HARMONIC_0)
 }
 
 impl Gaussian {
-    fn new(surfel: &Surfel) -> Self {
-        let flipped = |v: Vec3| Vec3::new(v.x, -v.y, -v.z);
+    /// Creates the Gaussian of a surfel in the axes of a file, to which `turn` rotates those of the
+    /// world.
+    pub(super) fn new(surfel: &Surfel, turn: fn(Vec3) -> Vec3) -> Self {
         let Ellipse {
             axes,
             deviations: [a, b],
         } = surfel.ellipse(SPACINGS);
-        let [u, v, w] = axes.map(flipped);
+        let [u, v, w] = axes.map(turn);
         Self {
-            position: flipped(surfel.position.as_vec3()),
-            normal: flipped(surfel.normal.as_vec3()),
+            position: turn(surfel.position.as_vec3()),
+            normal: turn(surfel.normal.as_vec3()),
             deviations: [a, b, b.min(a) * FLATNESS].map(|s| s.max(1e-9)),
             rotation: Quat::from_mat3(&Mat3::from_cols(u, v, w)),
             color_srgb: surfel.color_srgb,
@@ -97,8 +108,8 @@ impl Gaussian {
     /// Returns the values of a vertex in the order of the file.
     fn values(&self) -> [f32; 17] {
         let ([x, y, z], [nx, ny, nz]) = (self.position.to_array(), self.normal.to_array());
-        let [red, green, blue, alpha] = self.color_srgb.map(|c| f32::from(c) / 255.0);
-        let [r, g, b] = [red, green, blue].map(|c| (c - 0.5) / HARMONIC_0);
+        let [r, g, b] = harmonics(self.color_srgb);
+        let alpha = f32::from(self.color_srgb[3]) / 255.0;
         let opacity = alpha.clamp(OPACITY[0], OPACITY[1]);
         let [sa, sb, sc] = self.deviations.map(f32::ln);
         let [qx, qy, qz, qw] = self.rotation.to_array();
@@ -132,12 +143,13 @@ mod tests {
     fn gaussian() -> Gaussian {
         let along = [DVec3::new(0.1, 0.0, 0.0), DVec3::new(0.0, 0.2, 0.0)];
         let position = DVec3::new(1.0, 2.0, -3.0);
-        Gaussian::new(&Surfel {
+        let surfel = Surfel {
             position,
             normal: DVec3::Z,
             along,
             color_srgb: [255, 0, 128, 255],
-        })
+        };
+        Gaussian::new(&surfel, flip)
     }
 
     #[test]

@@ -21,7 +21,7 @@ mod uri;
 use super::builder::{Builder, GroupedScene, TooManyVertices};
 use super::notes::{Note, Notes};
 use super::orientation::FrameHints;
-use super::{LoadError, LoadOptions, folder_of};
+use super::{LoadError, LoadOptions, SPLATS_REFUSED, folder_of};
 use ::gltf::json::{Node, Root};
 use accessor::Buffers;
 use glam::DAffine3;
@@ -98,6 +98,9 @@ fn unsupported_message(extension: &str) -> String {
     format!("{what} the glTF extension {extension}, which is not supported; export it {otherwise}")
 }
 
+/// Prefix of extensions of Gaussian splats, which are left out with a note.
+const SPLAT_EXTENSIONS: &str = "KHR_gaussian_splatting";
+
 /// Prefix of extensions that change the appearance only.
 const MATERIAL_EXTENSIONS: &str = "KHR_materials_";
 
@@ -113,13 +116,17 @@ pub(super) fn load(
         unit_m: options.unit_m.unwrap_or(1.0),
     };
     let (root, raw, blob) = parse(path, bytes)?;
+    if raw.has_splats_alone() {
+        return Err(LoadError::malformed(path, SPLATS_REFUSED));
+    }
     let mut notes = Notes::default();
     if let Some(length) = glb_length(bytes) {
         notes.add(Note::BytesBeyondEnd, bytes.len().saturating_sub(length));
     }
     for required in &root.extensions_required {
         let is_in = |names: &[&str]| names.contains(&required.as_str());
-        if is_in(&READ_EXTENSIONS) || is_in(&HARMLESS_EXTENSIONS) {
+        let is_of_splats = required.starts_with(SPLAT_EXTENSIONS);
+        if is_in(&READ_EXTENSIONS) || is_in(&HARMLESS_EXTENSIONS) || is_of_splats {
             continue;
         }
         if required.starts_with(MATERIAL_EXTENSIONS) {
@@ -323,7 +330,11 @@ fn push_nodes(
             buffers,
             &mut builder.notes,
         );
-        for primitive in &mesh.primitives {
+        for (i, primitive) in mesh.primitives.iter().enumerate() {
+            if raw.has_splats(mesh_index.value(), i) {
+                builder.notes.add(Note::Splats, 1);
+                continue;
+            }
             let surface = surfaces.find(primitive.material.map(|material| material.value()));
             push_primitive(primitive, &instances, &pose, surface, buffers, builder)?;
         }

@@ -6,6 +6,7 @@ use super::instances::InstanceAttributes;
 use super::meshopt::CompressedView;
 use glam::{DAffine3, DMat4, DQuat, DVec3};
 use serde::Deserialize;
+use serde::de::IgnoredAny;
 use std::collections::BTreeMap;
 
 /// Name of the property, in a node's extras, with half of the headbox's edge: Blender exports
@@ -59,6 +60,19 @@ pub(super) struct RawPrimitive {
 struct PrimitiveExtensions {
     #[serde(rename = "KHR_draco_mesh_compression")]
     draco: Option<CompressedPrimitive>,
+    #[serde(rename = "KHR_gaussian_splatting")]
+    splats: Option<IgnoredAny>,
+    /// Compressed splats of drafts of the extension.
+    #[serde(rename = "KHR_spz_gaussian_splats_compression")]
+    draft_splats: Option<IgnoredAny>,
+}
+
+impl RawPrimitive {
+    /// Returns true if the primitive is a cloud of Gaussian splats.
+    fn has_splats(&self) -> bool {
+        let extensions = &self.extensions;
+        extensions.splats.is_some() || extensions.draft_splats.is_some()
+    }
 }
 
 #[derive(Default, Deserialize)]
@@ -113,6 +127,21 @@ struct Instancing {
 }
 
 impl RawJson {
+    /// Returns true if a primitive of a mesh is a cloud of Gaussian splats.
+    pub(super) fn has_splats(&self, mesh: usize, primitive: usize) -> bool {
+        let primitives = self.meshes.get(mesh).map(|mesh| &mesh.primitives);
+        primitives
+            .and_then(|primitives| primitives.get(primitive))
+            .is_some_and(RawPrimitive::has_splats)
+    }
+
+    /// Returns true if all primitives of the file are clouds of Gaussian splats.
+    pub(super) fn has_splats_alone(&self) -> bool {
+        let mut primitives = self.meshes.iter().flat_map(|mesh| &mesh.primitives);
+        let is_empty = self.meshes.iter().all(|mesh| mesh.primitives.is_empty());
+        !is_empty && primitives.all(RawPrimitive::has_splats)
+    }
+
     /// Parses the JSON of a glTF file.
     pub(super) fn parse(json: &[u8]) -> Result<Self, serde_json::Error> {
         serde_json::from_slice(json)

@@ -19,7 +19,7 @@ use super::orientation::{AxisAreas, FrameHints, comment_words};
 use super::polygon::triangulate;
 use super::textures::{DecodedTextures, Role, TextureTable};
 use super::vertex_colors::VertexColors;
-use super::{LoadError, LoadOptions, file_stem, folder_of};
+use super::{LoadError, LoadOptions, SPLATS_REFUSED, file_stem, folder_of};
 use crate::material::Material;
 use crate::scene::Vertex;
 use glam::{DVec3, Vec2, Vec3};
@@ -77,12 +77,9 @@ pub(super) fn load(
 fn check_kind(header: &Header) -> Result<(), String> {
     let element = |name: &str| header.elements.iter().find(|element| element.name == name);
     let vertex = element("vertex").ok_or("it has no vertices")?;
-    if vertex.find(&["f_dc_0", "rot_0", "scale_0"]).is_some() {
-        return Err(
-            "a cloud of Gaussian splats, not a mesh: splats are written for other viewers and \
-             cannot be read; open the scene or capture that they were made from"
-                .into(),
-        );
+    let splats = ["f_dc_0", "rot_0", "scale_0", "packed_position"];
+    if vertex.find(&splats).is_some() {
+        return Err(SPLATS_REFUSED.into());
     }
     let has_faces = |name: &str| element(name).is_some_and(|element| element.count > 0);
     if !has_faces("face") && !has_faces("tristrips") {

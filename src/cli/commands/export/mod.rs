@@ -22,7 +22,7 @@ pub(crate) struct ExportCommand {
     /// Input .ldi, .sprite, .house or .lumi file; .house and .lumi only as .html
     file: PathBuf,
     /// Output file, whose extension selects the format: .html, an offline page to look around in,
-    /// or to walk through a house; .glb for engines; .ply, flat Gaussians of 3D Gaussian splatting,
+    /// or to walk through a house; .glb for engines, or with --gaussians as splats; .ply, flat Gaussians of 3D Gaussian splatting,
     /// or plain points with --points; .exr for compositing, deep or, with --layers, flat
     #[arg(short, long)]
     output: PathBuf,
@@ -32,12 +32,13 @@ pub(crate) struct ExportCommand {
     /// Maximum number of triangles of a .glb, at least 2; 200000 by default
     #[arg(long, value_name = "N", value_parser = parse_triangles)]
     triangles: Option<u64>,
-    /// Maximum number of Gaussians of a .ply, or of points with --points: neighbours on one surface
-    /// are merged, those first that the headbox sees least; all by default
-    #[arg(long, value_name = "N", value_parser = parse_gaussians)]
-    gaussians: Option<u64>,
-    /// Maximum size of a .glb or .ply, MB of 10^6 bytes: a .ply gets fewer Gaussians, a .glb fewer
-    /// triangles and coarser textures
+    /// Write Gaussians to a .glb (KHR_gaussian_splatting) instead of triangles. N is their maximum
+    /// number, also in a .ply, or that of points with --points: neighbours on one surface are
+    /// merged, those first that the headbox sees least; all by default
+    #[arg(long, value_name = "N", num_args = 0..=1, value_parser = parse_gaussians)]
+    gaussians: Option<Option<u64>>,
+    /// Maximum size of a .glb or .ply, MB of 10^6 bytes: fewer Gaussians, or fewer triangles and
+    /// coarser textures
     #[arg(long, value_name = "M", value_parser = parse_megabytes)]
     mb: Option<f64>,
     /// Write plain points with normal and colour to a .ply instead of Gaussians
@@ -89,7 +90,7 @@ impl ExportCommand {
         let options: [(bool, &str, &[&str]); 7] = [
             (self.title.is_some(), "--title", &["html"]),
             (self.triangles.is_some(), "--triangles", &["glb"]),
-            (self.gaussians.is_some(), "--gaussians", &["ply"]),
+            (self.gaussians.is_some(), "--gaussians", &["glb", "ply"]),
             (self.mb.is_some(), "--mb", &["glb", "ply"]),
             (self.points, "--points", &["ply"]),
             (self.layers.is_some(), "--layers", &["exr"]),
@@ -99,6 +100,9 @@ impl ExportCommand {
             if given && !endings.iter().any(|wanted| ending == *wanted) {
                 bail_usage!("{name} is for .{} files", endings.join(" and ."));
             }
+        }
+        if self.gaussians.is_some() && self.triangles.is_some() {
+            bail_usage!("--triangles and --gaussians are two contents of a .glb; leave one out");
         }
         let Some(representation) = headbox_views::find(&self.file) else {
             // The reader of cubes has the best error message for other and missing files.
@@ -148,7 +152,8 @@ impl ExportCommand {
                 .clone()
                 .unwrap_or_else(|| default_title(&self.file)),
             triangles: self.triangles.unwrap_or(GlbBudget::default().triangles),
-            gaussians: self.gaussians,
+            has_gaussians: self.gaussians.is_some(),
+            gaussians: self.gaussians.flatten(),
             bytes: self.mb.map(|mb| (mb * 1e6) as u64),
             points: self.points,
             layers: self.layers.map(|layers| layers as usize),
