@@ -65,6 +65,23 @@ pub fn scene_files(scene: &Scene, path: &Path) -> Result<Vec<SavedFile>, SaveErr
     }
 }
 
+/// Returns a note for each kind of data that [`scene_files`] leaves out, because the format of
+/// `path` lacks it.
+pub fn losses(scene: &Scene, path: &Path) -> Vec<String> {
+    let mut losses = match extension_of(path).as_str() {
+        "obj" => obj::losses(scene),
+        _ => Vec::new(),
+    };
+    let is_glossy = |material: &&Material| material.gloss.is_some();
+    let glossy = scene.materials.iter().filter(is_glossy).count();
+    if glossy > 0 {
+        losses.push(format!(
+            "{glossy} materials are glossy: they are saved as matt"
+        ));
+    }
+    losses
+}
+
 fn png(index: usize, texture: &Texture) -> Result<Vec<u8>, SaveError> {
     let mut bytes = Vec::new();
     let (texels, color) = (
@@ -110,7 +127,7 @@ fn by_material(scene: &Scene) -> Vec<Vec<[u32; 3]>> {
 mod tests {
     use super::*;
     use crate::load::{LoadOptions, load};
-    use crate::material::{Cutout, Sampler, Wrap};
+    use crate::material::{Cutout, Gloss, Sampler, Wrap};
     use crate::scene::Triangle;
     use glam::{DVec3, Vec2, Vec3, dvec3};
 
@@ -189,6 +206,46 @@ mod tests {
                 )
             })
             .collect()
+    }
+
+    #[test]
+    fn losses_of_obj_are_counted() {
+        let mut scene = scene();
+        let [obj, glb] = ["a.obj", "a.glb"].map(Path::new);
+        assert_eq!(losses(&scene, obj), [""; 0]);
+        let sampler = |wrap, nearest| Sampler { wrap, nearest };
+        let samplers = [
+            sampler([Wrap::Mirror; 2], false),
+            sampler([Wrap::Clamp, Wrap::Repeat], true),
+            sampler([Wrap::Clamp; 2], false),
+        ];
+        for (texture, sampler) in scene.textures.iter_mut().zip(samplers) {
+            *texture = texture.with_sampler(sampler);
+        }
+        scene.emission_texcoords = scene.texcoords.clone();
+        scene.emission_texcoords[3].x += 1.0;
+        scene.opacities = vec![1.0; 9];
+        scene.opacities[..2].fill(0.75);
+        scene.materials[0].single_sided = true;
+        let found = losses(&scene, obj);
+        let starts = [
+            "2 textures are mirrored",
+            "1 textures have sharp texels",
+            "1 vertices have other texture coordinates",
+            "2 vertices have an opacity",
+            "1 materials are invisible from behind",
+        ];
+        assert_eq!(found.len(), starts.len(), "{found:?}");
+        for (note, start) in found.iter().zip(starts) {
+            assert!(note.starts_with(start), "{note}");
+        }
+        assert_eq!(losses(&scene, glb), [""; 0]);
+        scene.materials[1].gloss = Some(Gloss {
+            reflectance: [0.1; 3],
+            exponent: 9.0,
+        });
+        let matt = ["1 materials are glossy: they are saved as matt"];
+        assert_eq!(losses(&scene, glb), matt);
     }
 
     #[test]

@@ -1,11 +1,12 @@
 //! OBJ and MTL. Positions in `f64` have as many digits as an exact round trip needs. The format has
 //! neither mirrored nor uninterpolated textures, nor texture coordinates of emission, nor opacities
-//! of vertices, nor single-sided materials.
+//! of vertices, nor single-sided materials; [`losses`] counts them.
 
 use super::{SaveError, SavedFile, by_material, png, unique_names};
 use crate::load::file_stem;
-use crate::material::{Material, Wrap};
+use crate::material::{Material, Texture, Wrap};
 use crate::scene::Scene;
+use glam::Vec2;
 use std::fmt::Write;
 use std::path::Path;
 
@@ -39,6 +40,51 @@ pub(super) fn files(scene: &Scene, path: &Path) -> Result<Vec<SavedFile>, SaveEr
         });
     }
     Ok(files)
+}
+
+/// Returns a note for each kind of data that is left out, with its count.
+pub(super) fn losses(scene: &Scene) -> Vec<String> {
+    let samplers = || scene.textures.iter().map(Texture::sampler);
+    let is_wrapped = |wrap: [Wrap; 2]| wrap == [Wrap::Repeat; 2] || wrap == [Wrap::Clamp; 2];
+    let other_set = |(a, b): &(&Vec2, &Vec2)| a != b;
+    let sets = scene.emission_texcoords.iter().zip(&scene.texcoords);
+    let kinds = [
+        (
+            samplers()
+                .filter(|sampler| !is_wrapped(sampler.wrap))
+                .count(),
+            "textures are mirrored, or clamped along one axis: OBJ repeats them",
+        ),
+        (
+            samplers().filter(|sampler| sampler.nearest).count(),
+            "textures have sharp texels (nearest sampling): OBJ interpolates them",
+        ),
+        (
+            sets.filter(other_set).count(),
+            "vertices have other texture coordinates for emission: OBJ has one set",
+        ),
+        (
+            scene
+                .opacities
+                .iter()
+                .filter(|opacity| **opacity < 1.0)
+                .count(),
+            "vertices have an opacity below 1: OBJ has none",
+        ),
+        (
+            scene
+                .materials
+                .iter()
+                .filter(|material| material.single_sided)
+                .count(),
+            "materials are invisible from behind: OBJ shows both sides",
+        ),
+    ];
+    kinds
+        .into_iter()
+        .filter(|(count, _)| *count > 0)
+        .map(|(count, what)| format!("{count} {what}"))
+        .collect()
 }
 
 fn geometry(scene: &Scene, names: &[String], library: &str) -> String {

@@ -1,11 +1,12 @@
 //! `headbox scenes`.
 
 use crate::messages::format_count;
+use crate::output::print_notes;
 use anyhow::Context;
 use clap::Args;
 use headbox_core::files::write_whole;
 use headbox_ldi::scene_source::SceneSource;
-use headbox_scene::save::scene_files;
+use headbox_scene::save::{losses, scene_files};
 use std::path::Path;
 
 #[derive(Args)]
@@ -39,6 +40,7 @@ fn export(name: &str, path: &Path) -> anyhow::Result<()> {
     let name = name.strip_prefix("builtin:").unwrap_or(name);
     let scene = SceneSource::new(format!("builtin:{name}")).open()?;
     let files = scene_files(&scene, path)?;
+    print_notes(losses(&scene, path));
     // The named file is written last: if it exists, the scene is complete.
     for file in files.iter().rev() {
         write_whole(&file.path, |w| std::io::Write::write_all(w, &file.bytes))
