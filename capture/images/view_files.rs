@@ -100,15 +100,20 @@ mod tests {
     use serde_json::json;
 
     /// Loads a view of an image of 4x2 pixels whose red level is 10 x + y if it is upright, stored
-    /// with EXIF orientation 6, and its depth of 1000 + red level millimetres; also returns the
-    /// notes.
-    fn load(size: Option<[u32; 2]>, depth_is_upright: bool) -> (LoadedView, String) {
+    /// with EXIF orientation 6 (or 8), and its depth of 1000 + red level millimetres; also returns
+    /// the notes.
+    fn load(tag: u8, size: Option<[u32; 2]>, depth_is_upright: bool) -> (LoadedView, String) {
         let folder = tempfile::tempdir().expect("a folder");
-        // Upright 2 columns, 4 rows; stored 4 columns, 2 rows: column = row, row = 1 - column.
+        // Upright 2 columns, 4 rows; stored 4 columns, 2 rows: of orientation 6, column = row and
+        // row = 1 - column; 8 is turned by 180 degrees against it.
         let upright = |x: u32, y: u32| (10 * x + y) as u8;
-        let stored = |x: u32, y: u32| upright(1 - y, x);
+        let stored = |x: u32, y: u32| match tag {
+            8 => upright(y, 3 - x),
+            _ => upright(1 - y, x),
+        };
         let pixels: Vec<u8> = (0..8).flat_map(|i| [stored(i % 4, i / 4), 0, 0]).collect();
-        let exif = b"II*\0\x08\0\0\0\x01\0\x12\x01\x03\0\x01\0\0\0\x06\0\0\0\0\0\0\0";
+        let mut exif = *b"II*\0\x08\0\0\0\x01\0\x12\x01\x03\0\x01\0\0\0\x06\0\0\0\0\0\0\0";
+        exif[18] = tag;
         let mut file = Vec::new();
         let mut encoder = PngEncoder::new(&mut file);
         encoder.set_exif_metadata(exif.to_vec()).expect("supported");
@@ -144,7 +149,7 @@ mod tests {
         for depth_is_upright in [false, true] {
             // Without a size, the principal point shows the orientation.
             for (size, is_upright) in [(Some([2, 4]), true), (Some([4, 2]), false), (None, true)] {
-                let (view, notes) = load(size, depth_is_upright);
+                let (view, notes) = load(6, size, depth_is_upright);
                 let expected = |i: u32| {
                     if is_upright {
                         10 * (i % 2) + i / 2
@@ -172,5 +177,34 @@ mod tests {
                 );
             }
         }
+    }
+
+    #[test]
+    fn exif_orientation_8_turns_the_other_way() {
+        for depth_is_upright in [false, true] {
+            let (view, notes) = load(8, Some([2, 4]), depth_is_upright);
+            for i in 0..8 {
+                let expected = 10 * (i % 2) + i / 2;
+                assert_eq!(u32::from(view.color[i as usize][0]), expected, "{i}");
+                let millimetres = (view.depth[i as usize] * 1000.0).round() as u32;
+                assert_eq!(millimetres, 1000 + expected, "{depth_is_upright} {i}");
+            }
+            assert!(notes.contains("turned upright"), "{notes}");
+        }
+    }
+
+    /// The size does not show whether an image stored upside down was posed so.
+    #[test]
+    fn image_upside_down_is_read_as_stored_and_noted() {
+        let (view, notes) = load(3, Some([4, 2]), false);
+        for i in 0..8 {
+            let red = u32::from(view.color[i as usize][0]);
+            assert_eq!(red, 10 * (1 - i / 4) + i % 4, "{i}");
+        }
+        assert!(
+            notes.contains("1 of 1 images have an EXIF orientation"),
+            "{notes}"
+        );
+        assert!(notes.contains("read as stored"), "{notes}");
     }
 }

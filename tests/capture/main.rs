@@ -12,6 +12,7 @@ mod load_gltf;
 mod load_gltf_compressed;
 mod load_gltf_extensions;
 mod load_gltf_materials;
+mod load_gltf_siblings;
 mod load_home;
 mod load_mutated;
 mod load_obj;
