@@ -6,6 +6,7 @@
 //! the axes and the unit of such a model.
 
 use crate::color_images::read_size;
+use headbox_core::files::StagingFolder;
 use std::collections::VecDeque;
 use std::fs;
 use std::io::{self, BufRead, BufReader};
@@ -118,10 +119,7 @@ pub fn align(folder: &Path, progress: &mut AlignProgress<'_>) -> Result<Alignmen
     }
     let engine = Engine::find().ok_or(AlignError::NotInstalled)?;
     // In the same folder, so that the result can be renamed into place.
-    let work = tempfile::Builder::new()
-        .prefix(".align-")
-        .tempdir_in(folder)
-        .map_err(io(folder))?;
+    let work = StagingFolder::create_in(folder).map_err(io(folder))?;
     let database = work.path().join("database.db");
     let models = work.path().join("sparse");
     fs::create_dir(&models).map_err(io(&models))?;

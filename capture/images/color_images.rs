@@ -113,6 +113,11 @@ fn from_shares(shares: [f32; 4]) -> [u8; 4] {
 /// # Errors
 /// [`ImagesError`] that names the file.
 pub(super) fn read_size(path: &Path) -> Result<[u32; 2], ImagesError> {
+    // Opening a FIFO would wait for its writer.
+    if path.exists() && !path.is_file() {
+        let cause = "is not a regular file";
+        return Err(ImagesError::invalid_picture(path, cause));
+    }
     if extension(path) == "exr" {
         let parts = ExrParts::read(path).map_err(|error| ImagesError::picture(path, error))?;
         return Ok(parts.first_size_px());

@@ -15,6 +15,14 @@ pub enum ImagesError {
         /// Error of the operating system.
         cause: std::io::Error,
     },
+    /// A file or folder cannot be written.
+    #[error("{}: cannot be written: {cause}", path.display())]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// Error of the operating system.
+        cause: std::io::Error,
+    },
     /// The folder holds none of the supported formats.
     #[error(
         "{}: not an image set; expected manifest.json (Seurat), transforms.json (nerfstudio), cameras.bin or cameras.txt \
@@ -69,6 +77,13 @@ impl ImagesError {
 
     pub(crate) fn io(path: &Path, cause: std::io::Error) -> Self {
         Self::Io {
+            path: path.into(),
+            cause,
+        }
+    }
+
+    pub(crate) fn write(path: &Path, cause: std::io::Error) -> Self {
+        Self::Write {
             path: path.into(),
             cause,
         }

@@ -70,6 +70,7 @@ pub use view::{LoadedView, MAX_DEPTH_M, View};
 use crate::readers::paths::resolve;
 use glam::{DMat3, DVec3};
 use headbox_core::file_frame::FileFrame;
+use headbox_core::files::{InputFolder, Refusal};
 use headbox_core::image::codec;
 use headbox_core::image::orientation::{self, Orientation};
 use headbox_core::read_note::ReadNote;
@@ -84,7 +85,8 @@ const SENSOR_NOISE: f32 = 0.0015;
 /// Options of [`ImageSet::open`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ImageSetOptions {
-    /// Follows paths in manifests that lead out of the set's folder.
+    /// Follows paths and links that lead out of the set's folder, even if
+    /// [`headbox_core::files::set_permissions`] does not allow it.
     pub allow_outside: bool,
 }
 
@@ -136,7 +138,15 @@ impl ImageSet {
     /// # Errors
     /// See [`ImagesError`].
     pub fn open(path: &Path, options: &ImageSetOptions) -> Result<Self, ImagesError> {
-        let mut set = Self::read(path, options)?;
+        let is_file = path.is_file();
+        let folder = if is_file {
+            path.parent().unwrap_or(Path::new("."))
+        } else {
+            path
+        };
+        let folder = InputFolder::allowing_outside(folder, options.allow_outside);
+        let mut set = Self::read(path, is_file, &folder)?;
+        set.check_places(&folder)?;
         set.drop_missing()?;
         set.note_cut_images();
         set.note_turned_images();
@@ -212,14 +222,23 @@ impl ImageSet {
         }
     }
 
-    /// Reads the set without estimated depth.
-    fn read(path: &Path, options: &ImageSetOptions) -> Result<Self, ImagesError> {
-        let is_file = path.is_file();
-        let folder = if is_file {
-            path.parent().unwrap_or(Path::new("."))
-        } else {
-            path
+    /// Checks that the files of all views may be read: paths and links may lead out of the set.
+    fn check_places(&self, folder: &InputFolder) -> Result<(), ImagesError> {
+        let check = |view: &View| {
+            let depth = view.depth.as_ref().map(|depth| &depth.path);
+            let mut files = [Some(&view.color), depth, view.mask.as_ref()]
+                .into_iter()
+                .flatten();
+            files.try_for_each(|file| {
+                let refused = |refusal: Refusal| ImagesError::io(file, refusal.into());
+                folder.check(file).map_err(refused)
+            })
         };
+        self.views.iter().try_for_each(check)
+    }
+
+    /// Reads the set without estimated depth.
+    fn read(path: &Path, is_file: bool, folder: &InputFolder) -> Result<Self, ImagesError> {
         if !is_file {
             std::fs::read_dir(path).map_err(|cause| ImagesError::io(path, cause))?;
         }
@@ -228,16 +247,15 @@ impl ImageSet {
                 let has_name = path.file_name().is_some_and(|own| own == name);
                 has_name.then(|| path.to_path_buf())
             } else {
-                Some(folder.join(name)).filter(|file| file.is_file())
+                Some(folder.path().join(name)).filter(|file| file.is_file())
             }
         };
-        let allow = options.allow_outside;
         if let Some(file) = TRANSFORMS.into_iter().find_map(find_file) {
-            return readers::nerfstudio::open(&file, allow);
+            return readers::nerfstudio::open(folder, &file);
         }
         let manifest = find_file("manifest.json").or_else(|| is_file.then(|| path.to_path_buf()));
         if let Some(file) = manifest {
-            return readers::seurat::open(&file, allow);
+            return readers::seurat::open(folder, &file);
         }
         for reader in [
             readers::colmap::open,

@@ -1,12 +1,12 @@
 //! Additions to `--help`: examples and the names that an argument takes; completions and the
 //! manual.
 
+use crate::output::print_bytes;
 use clap::{Args, Command};
 use clap_complete::Shell;
 use headbox_house::backdrop::BackdropKind;
 use headbox_house::variant::HouseVariant;
 use std::ffi::OsString;
-use std::io::Write;
 
 /// Examples of each subcommand.
 const EXAMPLES: [(&str, &str); 18] = [
@@ -153,7 +153,8 @@ impl Completions {
     pub(super) fn run(&self, mut whole: Command) -> anyhow::Result<()> {
         let mut script = Vec::new();
         clap_complete::generate(self.shell, &mut whole, "headbox", &mut script);
-        Ok(std::io::stdout().write_all(&script)?)
+        print_bytes(&script);
+        Ok(())
     }
 }
 
@@ -168,5 +169,6 @@ pub(super) fn print_manual(whole: &Command) -> anyhow::Result<()> {
         let name = format!("headbox-{}", sub.get_name());
         clap_mangen::Man::new(sub.clone().display_name(name)).render(&mut page)?;
     }
-    Ok(std::io::stdout().write_all(&page)?)
+    print_bytes(&page);
+    Ok(())
 }

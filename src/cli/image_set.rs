@@ -17,9 +17,6 @@ use std::path::Path;
 /// Options of opening image sets.
 #[derive(Args, Clone, Copy, Default)]
 pub(super) struct SetArgs {
-    /// Follow paths in a manifest that lead out of its folder
-    #[arg(long)]
-    pub(super) allow_outside: bool,
     /// Use colour cameras and exposures exactly as in the files, instead of registering colours
     /// with depth and equalising exposures by the images; registration and depth samples are cached
     /// in the user's cache folder, 4 GB at most
@@ -38,7 +35,6 @@ impl SetArgs {
     /// Refuses the flags of image sets if the input is not one.
     pub(super) fn refuse_without_set(self, is_set: bool) -> Result<(), UsageError> {
         let flags = [
-            ("--allow-outside", self.allow_outside),
             ("--no-registration", self.no_registration),
             ("--refine-poses", self.refine_poses),
         ];
@@ -56,12 +52,7 @@ impl SetArgs {
 
     /// Opens a set, refines its poses if requested, and prints notes on standard error.
     pub(super) fn open(&self, folder: &Path) -> anyhow::Result<ImageSet> {
-        let mut set = ImageSet::open(
-            folder,
-            &ImageSetOptions {
-                allow_outside: self.allow_outside,
-            },
-        )?;
+        let mut set = ImageSet::open(folder, &ImageSetOptions::default())?;
         for view in &set.views {
             let depth = view.depth.as_ref().map(|depth| &depth.path);
             [Some(&view.color), depth, view.mask.as_ref()]

@@ -33,9 +33,10 @@ mod progress;
 mod setting_flags;
 
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
-use headbox_core::{memory, panics, simd};
+use headbox_core::{files, memory, panics, simd};
 use messages::UsageError;
 use std::ffi::OsString;
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 /// Image-based rendering with depth: capture a scene once, then view it from anywhere inside a
@@ -51,6 +52,14 @@ struct Cli {
     /// free memory, and captures all
     #[arg(long, global = true, value_name = "MIB", value_parser = clap::value_parser!(u64).range(64..=1 << 24))]
     memory: Option<u64>,
+    /// Read files that an input names by absolute paths, `..` or symbolic links even if they are
+    /// neither below the input's folder nor below the folder above it
+    #[arg(long, global = true)]
+    allow_outside: bool,
+    /// Folder in which files that an input names (textures, material files, images) are searched,
+    /// too; repeatable
+    #[arg(long, global = true, value_name = "FOLDER")]
+    search: Vec<PathBuf>,
     #[command(subcommand)]
     command: Command,
 }
@@ -112,12 +121,19 @@ pub fn main() -> ExitCode {
 /// the process.
 pub fn run_command(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
     let parsed = command_line().try_get_matches_from(help::arguments(arguments));
-    let cli = parsed
-        .and_then(|matches| Cli::from_arg_matches(&matches))
-        .unwrap_or_else(|error| error.exit());
+    let cli = match parsed.and_then(|matches| Cli::from_arg_matches(&matches)) {
+        Ok(cli) => cli,
+        Err(error) if error.use_stderr() => error.exit(),
+        Err(help) => {
+            return match help.print() {
+                Ok(()) => output::flush(),
+                Err(error) => output::report_failure(&error),
+            };
+        }
+    };
     match run(cli) {
         Ok(()) if interrupt::is_requested() => ExitCode::from(interrupt::EXIT_CODE),
-        Ok(()) => ExitCode::SUCCESS,
+        Ok(()) => output::flush(),
         Err(error) => {
             eprintln!("error: {}", messages::one_line(&error));
             ExitCode::from(if error.is::<UsageError>() { 2 } else { 1 })
@@ -136,6 +152,15 @@ fn check_threads(threads: u16) -> anyhow::Result<()> {
              take memory; give 1 to {most}"
         );
     }
+    Ok(())
+}
+
+/// Sets the rule for files that inputs name.
+fn set_permissions(allow_outside: bool, search: Vec<PathBuf>) -> anyhow::Result<()> {
+    if let Some(missing) = search.iter().find(|folder| !folder.is_dir()) {
+        bail_usage!("--search {}: there is no such folder", missing.display());
+    }
+    files::set_permissions(allow_outside, search);
     Ok(())
 }
 
@@ -167,6 +192,7 @@ fn run(cli: Cli) -> anyhow::Result<()> {
     if let Some(mib) = cli.memory {
         memory::set_limit(mib << 20);
     }
+    set_permissions(cli.allow_outside, cli.search)?;
     match cli.command {
         Command::Demo(command) => command.run(),
         Command::Scenes(command) => command.run(),

@@ -11,6 +11,7 @@ use image::codecs::jpeg::JpegEncoder;
 use std::fmt::Display;
 use std::io::Write;
 use std::path::{Path, PathBuf};
+use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// True if standard output carries a file (`-o -`): messages then go to standard error.
@@ -21,20 +22,41 @@ pub(super) fn print_json(value: &serde_json::Value) {
     println!("{value:#}");
 }
 
-/// Prints on standard output, with control characters escaped. Ends the program if that fails:
-/// quietly if the reader has closed the pipe, as `head` does, else with an error message.
+/// Prints on standard output, with control characters escaped. Ends the program if that fails.
 pub(super) fn print_text(text: std::fmt::Arguments<'_>) {
     if STDOUT_IS_OUTPUT.load(Ordering::Relaxed) {
         print_error_text(text);
         return;
     }
-    let text = text.to_string();
-    if let Err(error) = std::io::stdout().write_all(escape_controls(&text).as_bytes()) {
-        if error.kind() == std::io::ErrorKind::BrokenPipe {
-            std::process::exit(0);
-        }
-        eprintln!("error: standard output could not be written: {error}");
-        std::process::exit(1);
+    print_bytes(escape_controls(&text.to_string()).as_bytes());
+}
+
+/// Writes to standard output. Ends the program if that fails.
+pub(super) fn print_bytes(bytes: &[u8]) {
+    if let Err(error) = std::io::stdout().write_all(bytes) {
+        report_failure(&error);
+        files::remove_unfinished();
+        std::process::exit(FAILURE.into());
+    }
+}
+
+/// Exit code of a command that failed.
+pub(super) const FAILURE: u8 = 1;
+
+/// Reports that standard output cannot be written: quietly if its reader has closed the pipe, as
+/// `head` does.
+pub(super) fn report_failure(error: &std::io::Error) -> ExitCode {
+    if error.kind() != std::io::ErrorKind::BrokenPipe {
+        eprintln!("error: standard output cannot be written: {error}");
+    }
+    FAILURE.into()
+}
+
+/// Writes all that is left for standard output, and returns the exit code of success or failure.
+pub(super) fn flush() -> ExitCode {
+    match std::io::stdout().flush() {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => report_failure(&error),
     }
 }
 

@@ -61,6 +61,7 @@ impl<'a> Truths<'a> {
             .folder
             .as_ref()
             .map(|folder| folder.join(self.name(camera, samples)));
+        let (path, _) = cache::refuse_links(path);
         let size = (camera.width(), camera.height());
         // A file of another size is not this camera's, whatever its name.
         let cached = path

@@ -94,12 +94,6 @@ fn folder_of_images_works_in_every_command() {
             &of_sets(flag),
         );
     }
-    fails(
-        dir.path(),
-        2,
-        &["view", "x.ldi", "--allow-outside"],
-        &of_sets("--allow-outside"),
-    );
     let (_, quick) = succeeds(
         dir.path(),
         &["render", "room", "-o", "as-given.png", "--no-registration"],

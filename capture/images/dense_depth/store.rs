@@ -11,13 +11,12 @@ use crate::readers::json;
 use crate::{ImageSet, ImagesError, Lens, View, resolve};
 use exr::prelude::{Encoding, Image, LineOrder, SpecificChannels, WritableImage};
 use headbox_core::depth_kind::DepthKind;
-use headbox_core::files;
+use headbox_core::files::{self, InputFolder, StagingFolder};
 use headbox_core::random::hash;
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
 use std::io;
 use std::path::{Component, Path, PathBuf};
-use tempfile::TempDir;
 
 /// Folder name, next to a set's images.
 const FOLDER: &str = "headbox-depth";
@@ -32,7 +31,7 @@ const VERSION: u64 = 1;
 /// to their place at the end, so that a search that fails leaves nothing behind.
 pub(super) struct DepthStore {
     folder: PathBuf,
-    staging: TempDir,
+    staging: StagingFolder,
     entries: Map<String, Value>,
     written: BTreeMap<PathBuf, String>,
 }
@@ -41,10 +40,12 @@ impl DepthStore {
     /// Creates the temporary folder next to a set's images.
     pub(super) fn create(set: &ImageSet) -> Result<Self, ImagesError> {
         let folder = set.folder.join(FOLDER);
-        let staging = tempfile::Builder::new()
-            .prefix(".headbox-depth-")
-            .tempdir_in(&set.folder)
-            .map_err(|cause| ImagesError::io(&set.folder, cause))?;
+        // Checked before the search, which takes long.
+        files::refuse_links(&folder, &folder.join(INDEX))
+            .and_then(|()| files::check_folder(&folder))
+            .map_err(|cause| ImagesError::write(&folder, cause))?;
+        let staging = StagingFolder::create_in(&set.folder)
+            .map_err(|cause| ImagesError::write(&set.folder, cause))?;
         // Keeps the entries of other views from earlier runs.
         let entries = match read_index(&folder)?.map(|mut index| index["views"].take()) {
             Some(Value::Object(views)) => views,
@@ -81,7 +82,7 @@ impl DepthStore {
                 cause,
             });
         }
-        write_exr(&path, estimated).map_err(|cause| ImagesError::io(&path, cause))?;
+        write_exr(&path, estimated).map_err(|cause| ImagesError::write(&path, cause))?;
         let entry = json!({
             "file": file.to_string_lossy(), "camera": fingerprint(view), "deviation": estimated.deviation,
         });
@@ -94,16 +95,17 @@ impl DepthStore {
         for file in self.written.keys() {
             let to = self.folder.join(file);
             let folder = to.parent().unwrap_or(&self.folder);
-            std::fs::create_dir_all(folder)
+            files::refuse_links(&self.folder, &to)
+                .and_then(|()| std::fs::create_dir_all(folder))
                 .and_then(|()| std::fs::rename(self.staging.path().join(file), &to))
-                .map_err(|cause| ImagesError::io(&to, cause))?;
+                .map_err(|cause| ImagesError::write(&to, cause))?;
         }
         let index = json!({"version": VERSION, "views": self.entries});
         let path = self.folder.join(INDEX);
         files::write_whole(&path, |writer| {
             serde_json::to_writer_pretty(writer, &index).map_err(io::Error::other)
         })
-        .map_err(|cause| ImagesError::io(&path, cause))
+        .map_err(|cause| ImagesError::write(&path, cause))
     }
 }
 
@@ -175,7 +177,7 @@ fn read_index(folder: &Path) -> Result<Option<Value>, ImagesError> {
     if !path.is_file() {
         return Ok(None);
     }
-    let index = json::read(&path)?;
+    let index = json::read(&InputFolder::new(folder), &path)?;
     match index["version"].as_u64() {
         Some(VERSION) => Ok(Some(index)),
         _ => Err(ImagesError::field(
@@ -189,10 +191,16 @@ fn read_index(folder: &Path) -> Result<Option<Value>, ImagesError> {
 /// Attaches the stored depth to views without depth, with a note.
 pub(crate) fn attach(set: &mut ImageSet) -> Result<(), ImagesError> {
     let folder = set.folder.join(FOLDER);
+    if let Err(link) = files::refuse_links(&folder, &folder.join(INDEX)) {
+        let note = format!("estimated depth is not used: {link}");
+        set.notes.push(note);
+        return Ok(());
+    }
     let Some(index) = read_index(&folder)? else {
         return Ok(());
     };
     let path = folder.join(INDEX);
+    let estimates = InputFolder::new(&folder);
     let mut attached = 0;
     let mut outdated = 0;
     for view in &mut set.views {
@@ -206,7 +214,7 @@ pub(crate) fn attach(set: &mut ImageSet) -> Result<(), ImagesError> {
         let file = entry["file"]
             .as_str()
             .ok_or_else(|| bad("file", "is not a text"))?;
-        let file = resolve(&path, "file", file, false)?;
+        let file = resolve(&estimates, &path, "file", file)?;
         if entry["camera"].as_str() != Some(&fingerprint(view)) {
             outdated += 1;
             continue;

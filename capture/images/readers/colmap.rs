@@ -4,7 +4,7 @@
 use super::byte_reader::ByteReader;
 use super::colmap_cameras::{model_of_number, parse_lens};
 use super::left_out::LeftOut;
-use super::paths::find_file;
+use super::paths::{find_file, resolve_in};
 use super::text;
 use crate::depth::DepthSource;
 use crate::lens::Lens;
@@ -14,6 +14,7 @@ use crate::view::View;
 use crate::{ImageSet, ImagesError};
 use glam::{DMat3, DQuat, DVec3};
 use headbox_core::depth_kind::DepthKind;
+use headbox_core::files::InputFolder;
 use headbox_core::read_note::ReadNote;
 use std::collections::BTreeMap;
 use std::io::Read;
@@ -49,7 +50,8 @@ fn model_extension(folder: &Path) -> Option<&'static str> {
 }
 
 /// Finds the model in a folder or below it: of several models of a run, the one with most images.
-pub(super) fn find_model(folder: &Path) -> Result<Option<ModelFolder>, ImagesError> {
+pub(super) fn find_model(set: &InputFolder) -> Result<Option<ModelFolder>, ImagesError> {
+    let folder = set.path();
     for (below, is_run) in [("", false), ("sparse", true), ("colmap/sparse", true)] {
         let path = folder.join(below);
         let mut models = Vec::new();
@@ -72,24 +74,26 @@ pub(super) fn find_model(folder: &Path) -> Result<Option<ModelFolder>, ImagesErr
             }
             continue;
         }
-        return choose_model(folder, models).map(Some);
+        return choose_model(set, models).map(Some);
     }
     Ok(None)
 }
 
 /// Chooses the model with most images, and names the others.
 fn choose_model(
-    folder: &Path,
+    set: &InputFolder,
     models: Vec<(PathBuf, &'static str)>,
 ) -> Result<ModelFolder, ImagesError> {
     let images: Vec<u64> = models
         .iter()
-        .map(|(path, extension)| count_images(&path.join(format!("images.{extension}")), extension))
+        .map(|(path, extension)| {
+            count_images(set, &path.join(format!("images.{extension}")), extension)
+        })
         .collect();
     let most = images.iter().copied().max().unwrap_or(0);
     let chosen = images.iter().position(|&count| count == most).unwrap_or(0);
     let name = |i: usize| {
-        let path = models[i].0.strip_prefix(folder).unwrap_or(&models[i].0);
+        let path = models[i].0.strip_prefix(set.path()).unwrap_or(&models[i].0);
         format!("{} with {} images", path.display(), images[i])
     };
     let others: Vec<String> = (0..models.len())
@@ -111,7 +115,10 @@ fn choose_model(
 }
 
 /// Returns the number of images that a file of images lists, 0 if it cannot be read.
-fn count_images(file: &Path, extension: &str) -> u64 {
+fn count_images(set: &InputFolder, file: &Path, extension: &str) -> u64 {
+    if set.check(file).is_err() {
+        return 0;
+    }
     if extension == "txt" {
         let text = std::fs::read_to_string(file).unwrap_or_default();
         return lines(&text).filter(|(_, line)| is_image_line(line)).count() as u64;
@@ -122,19 +129,24 @@ fn count_images(file: &Path, extension: &str) -> u64 {
 }
 
 /// Opens the set in a folder; `None` without a model.
-pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
-    let Some(model) = find_model(folder)? else {
+pub(crate) fn open(set: &InputFolder) -> Result<Option<ImageSet>, ImagesError> {
+    let folder = set.path();
+    let Some(model) = find_model(set)? else {
         return Ok(None);
     };
     let cameras_file = model.path.join(format!("cameras.{}", model.extension));
     let images_file = model.path.join(format!("images.{}", model.extension));
     let (format, cameras, images) = if model.extension == "bin" {
-        let cameras = binary_cameras(&cameras_file)?;
-        let images = binary_images(&images_file)?;
+        let cameras = binary_cameras(set, &cameras_file)?;
+        let images = binary_images(set, &images_file)?;
         ("COLMAP model (binary)", cameras, images)
     } else {
-        let cameras = text_cameras(&cameras_file)?;
-        ("COLMAP model (text)", cameras, text_images(&images_file)?)
+        let cameras = text_cameras(set, &cameras_file)?;
+        (
+            "COLMAP model (text)",
+            cameras,
+            text_images(set, &images_file)?,
+        )
     };
     if images.is_empty() {
         return Err(ImagesError::field(
@@ -145,7 +157,7 @@ pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
     }
     let mut views = Vec::new();
     let mut left_out = LeftOut::default();
-    let pictures = find_image_folder(folder, &model.path, &images);
+    let pictures = find_image_folder(set, &model.path, &images);
     for image in images {
         let field = format!("image {}", image.name);
         let camera = cameras.get(&image.camera).ok_or_else(|| {
@@ -163,7 +175,7 @@ pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
         else {
             continue;
         };
-        let color = find_file(&pictures, &image.name);
+        let color = resolve_in(set, &pictures, &images_file, "name", &image.name)?;
         let depth = ["geometric", "photometric"].into_iter().find_map(|kind| {
             let path = folder
                 .join("stereo/depth_maps")
@@ -198,7 +210,8 @@ pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
 
 /// Finds the folder of a model's images by the first images' names: `images`, or a folder that
 /// contains the model.
-fn find_image_folder(folder: &Path, model: &Path, images: &[ColmapImage]) -> PathBuf {
+fn find_image_folder(set: &InputFolder, model: &Path, images: &[ColmapImage]) -> PathBuf {
+    let folder = set.path();
     /// Number of images that are looked for: some may be missing.
     const FIRST: usize = 16;
     let mut candidates = vec![folder.join("images"), model.join("images")];
@@ -215,7 +228,7 @@ fn find_image_folder(folder: &Path, model: &Path, images: &[ColmapImage]) -> Pat
         .iter()
         .find(|candidate| {
             let mut first = images.iter().take(FIRST);
-            first.any(|image| find_file(candidate, &image.name).is_file())
+            first.any(|image| matches!(find_file(set, candidate, &image.name), Ok(Some(_))))
         })
         .cloned()
         .unwrap_or_else(|| folder.join("images"))
@@ -255,8 +268,11 @@ fn parse_pose([w, x, y, z]: [f64; 4], translation: [f64; 3]) -> Result<Pose, Str
     )
 }
 
-fn binary_cameras(file: &Path) -> Result<BTreeMap<u32, ColmapCamera>, ImagesError> {
-    let bytes = std::fs::read(file).map_err(|cause| ImagesError::io(file, cause))?;
+fn binary_cameras(
+    set: &InputFolder,
+    file: &Path,
+) -> Result<BTreeMap<u32, ColmapCamera>, ImagesError> {
+    let bytes = text::read_bytes(set, file)?;
     let mut bytes = ByteReader { file, rest: &bytes };
     let mut cameras = BTreeMap::new();
     for _ in 0..bytes.u64()? {
@@ -276,8 +292,8 @@ fn binary_cameras(file: &Path) -> Result<BTreeMap<u32, ColmapCamera>, ImagesErro
     Ok(cameras)
 }
 
-fn binary_images(file: &Path) -> Result<Vec<ColmapImage>, ImagesError> {
-    let bytes = std::fs::read(file).map_err(|cause| ImagesError::io(file, cause))?;
+fn binary_images(set: &InputFolder, file: &Path) -> Result<Vec<ColmapImage>, ImagesError> {
+    let bytes = text::read_bytes(set, file)?;
     let mut bytes = ByteReader { file, rest: &bytes };
     let mut images = Vec::new();
     for _ in 0..bytes.u64()? {
@@ -294,31 +310,9 @@ fn binary_images(file: &Path) -> Result<Vec<ColmapImage>, ImagesError> {
         bytes.take(1)?;
         bytes.skip_list(24)?; // features
         let pose = parse_pose(quaternion, translation);
-        images.push(check_image(file, name, camera, pose)?);
+        images.push(ColmapImage { pose, camera, name });
     }
     Ok(images)
-}
-
-fn check_image(
-    file: &Path,
-    name: String,
-    camera: u32,
-    pose: Result<Pose, String>,
-) -> Result<ColmapImage, ImagesError> {
-    let slashed = name.replace('\\', "/");
-    let path = Path::new(&slashed);
-    if path.is_absolute()
-        || path
-            .components()
-            .any(|part| part == std::path::Component::ParentDir)
-    {
-        return Err(ImagesError::Outside {
-            path: file.into(),
-            field: "name".into(),
-            leads_to: name,
-        });
-    }
-    Ok(ColmapImage { pose, camera, name })
 }
 
 /// Returns the lines of a text model that are not comments, numbered from 1.
@@ -329,8 +323,11 @@ pub(super) fn lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
         .filter(|(_, line)| !line.starts_with('#'))
 }
 
-fn text_cameras(file: &Path) -> Result<BTreeMap<u32, ColmapCamera>, ImagesError> {
-    let text = std::fs::read_to_string(file).map_err(|cause| ImagesError::io(file, cause))?;
+fn text_cameras(
+    set: &InputFolder,
+    file: &Path,
+) -> Result<BTreeMap<u32, ColmapCamera>, ImagesError> {
+    let text = text::read_text(set, file)?;
     let mut cameras = BTreeMap::new();
     for (number, line) in lines(&text).filter(|(_, line)| !line.is_empty()) {
         let bad = || {
@@ -384,8 +381,8 @@ fn is_image_line(line: &str) -> bool {
 }
 
 /// Reads the images. The line of an image's points may be empty or missing.
-fn text_images(file: &Path) -> Result<Vec<ColmapImage>, ImagesError> {
-    let text = std::fs::read_to_string(file).map_err(|cause| ImagesError::io(file, cause))?;
+fn text_images(set: &InputFolder, file: &Path) -> Result<Vec<ColmapImage>, ImagesError> {
+    let text = text::read_text(set, file)?;
     let mut images = Vec::new();
     let is_number = |word: &str| word.parse::<f64>().is_ok();
     for (number, line) in lines(&text).filter(|(_, line)| !line.is_empty()) {
@@ -403,7 +400,11 @@ fn text_images(file: &Path) -> Result<Vec<ColmapImage>, ImagesError> {
         };
         let [qw, qx, qy, qz, tx, ty, tz] = numbers;
         let pose = parse_pose([qw, qx, qy, qz], [tx, ty, tz]);
-        images.push(check_image(file, name.into(), camera, pose)?);
+        images.push(ColmapImage {
+            pose,
+            camera,
+            name: name.into(),
+        });
     }
     Ok(images)
 }
@@ -416,7 +417,7 @@ mod tests {
         let folder = tempfile::tempdir().expect("a folder");
         let file = folder.path().join("images.txt");
         std::fs::write(&file, text).expect("written");
-        let images = text_images(&file).expect("images");
+        let images = text_images(&InputFolder::new(folder.path()), &file).expect("images");
         images.into_iter().map(|image| image.name).collect()
     }
 
@@ -454,7 +455,10 @@ mod tests {
             "1 1 0 0 0 0 0 0 1 a.png\n\nfoo bar\n",
         ] {
             std::fs::write(&file, text).expect("written");
-            let error = text_images(&file).err().expect("an error").to_string();
+            let error = text_images(&InputFolder::new(folder.path()), &file)
+                .err()
+                .expect("an error")
+                .to_string();
             assert!(
                 error.contains("line") && error.contains("CAMERA_ID"),
                 "{error}"

@@ -2,8 +2,10 @@
 
 use super::byte_reader::ByteReader;
 use super::colmap::{find_model, lines};
+use super::text;
 use crate::ImagesError;
 use glam::DVec3;
+use headbox_core::files::InputFolder;
 use std::path::Path;
 
 /// A triangulated point.
@@ -22,6 +24,7 @@ pub struct SparsePoint {
 /// # Errors
 /// [`ImagesError::Io`] and [`ImagesError::Field`] if the file of points cannot be read.
 pub fn read_sparse_points(folder: &Path) -> Result<Vec<SparsePoint>, ImagesError> {
+    let folder = &InputFolder::new(folder);
     let Some(model) = find_model(folder)? else {
         return Ok(Vec::new());
     };
@@ -31,16 +34,16 @@ pub fn read_sparse_points(folder: &Path) -> Result<Vec<SparsePoint>, ImagesError
         return Ok(Vec::new());
     }
     let mut points = if extension == "bin" {
-        binary_points(&file)?
+        binary_points(folder, &file)?
     } else {
-        text_points(&file)?
+        text_points(folder, &file)?
     };
     points.retain(|point| point.position.is_finite());
     Ok(points)
 }
 
-fn binary_points(file: &Path) -> Result<Vec<SparsePoint>, ImagesError> {
-    let bytes = std::fs::read(file).map_err(|cause| ImagesError::io(file, cause))?;
+fn binary_points(folder: &InputFolder, file: &Path) -> Result<Vec<SparsePoint>, ImagesError> {
+    let bytes = text::read_bytes(folder, file)?;
     let mut bytes = ByteReader { file, rest: &bytes };
     let mut points = Vec::new();
     for _ in 0..bytes.u64()? {
@@ -54,8 +57,8 @@ fn binary_points(file: &Path) -> Result<Vec<SparsePoint>, ImagesError> {
     Ok(points)
 }
 
-fn text_points(file: &Path) -> Result<Vec<SparsePoint>, ImagesError> {
-    let text = std::fs::read_to_string(file).map_err(|cause| ImagesError::io(file, cause))?;
+fn text_points(folder: &InputFolder, file: &Path) -> Result<Vec<SparsePoint>, ImagesError> {
+    let text = text::read_text(folder, file)?;
     let point = |line: &str| {
         let mut words = line.split_whitespace().skip(1);
         let mut position = [0.0; 3];

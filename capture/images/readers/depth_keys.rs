@@ -4,6 +4,7 @@ use super::json::JsonObject;
 use crate::depth::{AssumedDepth, DepthSource};
 use crate::{ImagesError, resolve};
 use headbox_core::depth_kind::DepthKind;
+use headbox_core::files::InputFolder;
 use serde_json::Value;
 use std::collections::BTreeMap;
 
@@ -21,16 +22,16 @@ const WITHOUT_EFFECT: [&str; 1] = ["enable_depth_loading"];
 
 /// Returns the depth of a frame, if it has any.
 pub(super) fn read(
+    folder: &InputFolder,
     root: &JsonObject,
     view: &JsonObject,
     kind: DepthKind,
-    allow_outside: bool,
 ) -> Result<Option<DepthSource>, ImagesError> {
     let Some(key) = PATHS.into_iter().find(|key| view.has(key)) else {
         return Ok(None);
     };
     let field = view.field_path(key);
-    let path = resolve(view.file, &field, view.text(key)?, allow_outside)?;
+    let path = resolve(folder, view.file, &field, view.text(key)?)?;
     let assumed = DepthSource::assumed(path, kind);
     let stated = AssumedDepth {
         unit: false,

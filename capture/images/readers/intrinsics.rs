@@ -5,6 +5,7 @@ use crate::ImagesError;
 use crate::lens::{Distortion, Pinhole};
 use crate::pose::Pose;
 use glam::DMat4;
+use headbox_core::files::InputFolder;
 use std::path::Path;
 
 /// Creates a pinhole from intrinsics with pixel centres at integers.
@@ -18,9 +19,9 @@ pub(super) fn create_pinhole(focal_px: [f64; 2], principal: [f64; 2]) -> Pinhole
 
 /// Reads intrinsics with pixel centres at integers: a matrix of 3x3, 3x4 or 4x4 numbers, or focal
 /// lengths and principal point.
-pub(super) fn read_intrinsics(file: &Path) -> Result<Pinhole, ImagesError> {
+pub(super) fn read_intrinsics(folder: &InputFolder, file: &Path) -> Result<Pinhole, ImagesError> {
     const FIELD: &str = "the intrinsics";
-    let numbers = text::read_number_list(file)?;
+    let numbers = text::read_number_list(folder, file)?;
     let bad = |cause: String| ImagesError::field(file, FIELD, cause);
     let columns = match numbers.len() {
         4 => {

@@ -1,13 +1,15 @@
 //! Fields of JSON manifests, with errors that name them.
 
+use super::text::read_bytes;
 use crate::ImagesError;
 use glam::DMat4;
+use headbox_core::files::InputFolder;
 use serde_json::Value;
 use std::path::Path;
 
-/// Reads a JSON file.
-pub(crate) fn read(path: &Path) -> Result<Value, ImagesError> {
-    let text = std::fs::read(path).map_err(|cause| ImagesError::io(path, cause))?;
+/// Reads a JSON file of a set.
+pub(crate) fn read(folder: &InputFolder, path: &Path) -> Result<Value, ImagesError> {
+    let text = read_bytes(folder, path)?;
     let text = text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&text);
     let parsed = serde_json::from_slice(text);
     // Python writes NaN and Infinity, which JSON does not have.

@@ -10,6 +10,7 @@ use crate::lens::{Distortion, Lens, Pinhole};
 use crate::rectify::{ImageLens, ViewList};
 use crate::view::View;
 use crate::{ImageSet, ImagesError};
+use headbox_core::files::InputFolder;
 use roxmltree::{Document, Node};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -18,14 +19,14 @@ use std::path::{Path, PathBuf};
 const MAX_BYTES: u64 = 1 << 30;
 
 /// Opens the set in a folder; `None` without a file of cameras.
-pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
-    for file in text::list_folder(folder)? {
+pub(crate) fn open(folder: &InputFolder) -> Result<Option<ImageSet>, ImagesError> {
+    for file in text::list_folder(folder.path())? {
         let is_xml = file.extension().is_some_and(|extension| extension == "xml");
         let is_small = std::fs::metadata(&file).is_ok_and(|data| data.len() <= MAX_BYTES);
         if !(is_xml && is_small) {
             continue;
         }
-        let text = std::fs::read_to_string(&file).map_err(|cause| ImagesError::io(&file, cause))?;
+        let text = text::read_text(folder, &file)?;
         if text.contains("<chunk") && text.contains("<sensors") {
             return read(folder, &file, &text).map(Some);
         }
@@ -55,7 +56,7 @@ fn numbers(node: Option<Node>) -> Option<Vec<f64>> {
         .collect()
 }
 
-fn read(folder: &Path, file: &Path, text: &str) -> Result<ImageSet, ImagesError> {
+fn read(folder: &InputFolder, file: &Path, text: &str) -> Result<ImageSet, ImagesError> {
     let bad = |field: &str, cause: &str| ImagesError::field(file, field, cause);
     let document =
         Document::parse(text).map_err(|error| bad("the file", &format!("is not XML: {error}")))?;
@@ -107,7 +108,8 @@ fn read(folder: &Path, file: &Path, text: &str) -> Result<ImageSet, ImagesError>
                 Some(Err(error)) => return Err(fail(&format!("has an unusable sensor: {error}"))),
                 None => return Err(fail(&format!("refers to sensor {id}, which is missing"))),
             };
-            let color = find_color(folder, label).ok_or_else(|| fail("has no image file"))?;
+            let color = find_color(folder, file, label)?;
+            let color = color.ok_or_else(|| fail("has no image file"))?;
             let size_px = read_size(&color)?;
             if size_px != sensor.size_px {
                 let [w, h] = sensor.size_px;
@@ -133,7 +135,7 @@ fn read(folder: &Path, file: &Path, text: &str) -> Result<ImageSet, ImagesError>
     }
     Ok(ImageSet {
         notes,
-        ..ImageSet::new(folder, "Metashape cameras", views)
+        ..ImageSet::new(folder.path(), "Metashape cameras", views)
     })
 }
 
@@ -167,9 +169,13 @@ fn largest_component<'a>(cameras: &[Node<'a, 'a>]) -> Option<&'a str> {
 }
 
 /// Finds the image of a camera, whose label is the file's name with or without its extension.
-fn find_color(folder: &Path, label: &str) -> Option<PathBuf> {
-    let name = Path::new(label).file_name()?.to_str()?;
-    find_named_image(folder, name)
+fn find_color(
+    folder: &InputFolder,
+    file: &Path,
+    label: &str,
+) -> Result<Option<PathBuf>, ImagesError> {
+    let name = Path::new(label).file_name().and_then(|name| name.to_str());
+    name.map_or(Ok(None), |name| find_named_image(folder, file, name))
 }
 
 /// Reads a sensor: Brown's distortion about the centre of the image, or an equidistant fisheye.

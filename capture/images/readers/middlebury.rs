@@ -8,17 +8,17 @@ use crate::readers::text;
 use crate::view::View;
 use crate::{ImageSet, ImagesError, resolve};
 use glam::{DMat3, DVec3};
+use headbox_core::files::InputFolder;
 use std::path::{Path, PathBuf};
 
 /// Opens the set in a folder; `None` without a parameter file.
-pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
-    let files = text::list_folder(folder)?;
+pub(crate) fn open(folder: &InputFolder) -> Result<Option<ImageSet>, ImagesError> {
+    let files = text::list_folder(folder.path())?;
     let is_parameter_file = |path: &PathBuf| path.to_string_lossy().ends_with("_par.txt");
     let Some(file) = files.into_iter().find(is_parameter_file) else {
         return Ok(None);
     };
-    let parameters =
-        std::fs::read_to_string(&file).map_err(|cause| ImagesError::io(&file, cause))?;
+    let parameters = text::read_text(folder, &file)?;
     let mut views = Vec::new();
     for (line, number) in parameters
         .lines()
@@ -26,15 +26,21 @@ pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
         .skip(1)
         .filter(|(line, _)| !line.trim().is_empty())
     {
-        views.push(read_line(&file, line, number)?);
+        views.push(read_line(folder, &file, line, number)?);
     }
     if views.is_empty() {
         return Err(ImagesError::field(&file, "the file", "names no image"));
     }
-    Ok(Some(ImageSet::new(folder, "Middlebury multi-view", views)))
+    let format = "Middlebury multi-view";
+    Ok(Some(ImageSet::new(folder.path(), format, views)))
 }
 
-fn read_line(file: &Path, line: &str, number: usize) -> Result<View, ImagesError> {
+fn read_line(
+    folder: &InputFolder,
+    file: &Path,
+    line: &str,
+    number: usize,
+) -> Result<View, ImagesError> {
     let field = format!("line {number}");
     let bad = |cause: &str| ImagesError::field(file, field.clone(), cause);
     let mut words = line.split_whitespace();
@@ -47,7 +53,7 @@ fn read_line(file: &Path, line: &str, number: usize) -> Result<View, ImagesError
     let rotation = DMat3::from_cols_array(&std::array::from_fn(|i| p[9 + i])).transpose();
     let pose = Pose::from_camera_from_world(rotation, DVec3::new(p[18], p[19], p[20]))
         .map_err(|cause| bad(&cause))?;
-    let color = resolve(file, &field, name, false)?;
+    let color = resolve(folder, file, &field, name)?;
     let size_px = read_size(&color)?;
     // These files have pixel centres at integers.
     let principal_px = [p[2] + 0.5, p[5] + 0.5];

@@ -14,7 +14,7 @@ use crate::{ImageSet, ImagesError, resolve};
 use glam::{DMat4, DVec3};
 use headbox_core::depth_kind::DepthKind;
 use headbox_core::file_frame::{FileFrame, UpAxis};
-use headbox_core::files;
+use headbox_core::files::{self, InputFolder};
 use headbox_core::read_note::ReadNote;
 use image::codecs::png::PngEncoder;
 use image::{ExtendedColorType, ImageEncoder};
@@ -30,8 +30,8 @@ const FRAME: FileFrame = FileFrame {
 };
 
 /// Opens the set of a `transforms.json`.
-pub(crate) fn open(file: &Path, allow_outside: bool) -> Result<ImageSet, ImagesError> {
-    let value = fields::read(file)?;
+pub(crate) fn open(folder: &InputFolder, file: &Path) -> Result<ImageSet, ImagesError> {
+    let value = fields::read(folder, file)?;
     let root = JsonObject::root(file, &value);
     let mut list = ViewList::default();
     let mut left_out = LeftOut::default();
@@ -41,7 +41,7 @@ pub(crate) fn open(file: &Path, allow_outside: bool) -> Result<ImageSet, ImagesE
     }
     for frame in frames {
         let name = frame.value["file_path"].as_str().unwrap_or(&frame.path);
-        let read = read_view(&root, &frame, allow_outside);
+        let read = read_view(folder, &root, &frame);
         if let Some((view, lens)) = left_out.keep(name, read)? {
             list.push(view, lens);
         }
@@ -54,18 +54,17 @@ pub(crate) fn open(file: &Path, allow_outside: bool) -> Result<ImageSet, ImagesE
             .into_iter()
             .map(ReadNote::from),
     );
-    let folder = file.parent().unwrap_or(Path::new(""));
     Ok(ImageSet {
         frame: FRAME,
         notes,
-        ..ImageSet::new(folder, "nerfstudio transforms", views)
+        ..ImageSet::new(folder.path(), "nerfstudio transforms", views)
     })
 }
 
 fn read_view(
+    folder: &InputFolder,
     root: &JsonObject,
     view: &JsonObject,
-    allow_outside: bool,
 ) -> Result<(View, ImageLens), ImagesError> {
     // Fields that a frame lacks are taken from the file's root.
     let keys = KeyOwners {
@@ -74,10 +73,10 @@ fn read_view(
     };
     let find_owner = |key: &str| keys.owner(&[key]);
     let color = add_extension(resolve(
+        folder,
         view.file,
         &view.field_path("file_path"),
         view.text("file_path")?,
-        allow_outside,
     )?);
     let width_owner = find_owner("w");
     let height_owner = find_owner("h");
@@ -95,14 +94,14 @@ fn read_view(
             return Ok(None);
         }
         let field = view.field_path(key);
-        resolve(view.file, &field, view.text(key)?, allow_outside).map(Some)
+        resolve(folder, view.file, &field, view.text(key)?).map(Some)
     };
     let kind = if lens == ImageLens::Direct(Lens::Equirectangular) {
         DepthKind::RayDistance
     } else {
         DepthKind::EyeDepth
     };
-    let depth = depth_keys::read(root, view, kind, allow_outside)?;
+    let depth = depth_keys::read(folder, root, view, kind)?;
     let name = view.text("file_path")?.to_owned();
     let pose = pose.in_world(&FRAME);
     let view = View {
@@ -183,7 +182,7 @@ impl SetWriter {
                 height,
                 values: view.depth.clone(),
             };
-            write_depth_exr(&depth, &path).map_err(|cause| ImagesError::io(&path, cause))?;
+            write_depth_exr(&depth, &path).map_err(|cause| ImagesError::write(&path, cause))?;
             entry["depth_file_path"] = json!(name);
         }
         self.frames.push(entry);
@@ -200,7 +199,7 @@ impl SetWriter {
         files::write_whole(&file, |writer| {
             serde_json::to_writer_pretty(writer, &set).map_err(io::Error::other)
         })
-        .map_err(|cause| ImagesError::io(&file, cause))
+        .map_err(|cause| ImagesError::write(&file, cause))
     }
 }
 
@@ -219,7 +218,7 @@ fn write_picture(view: &LoadedView, path: &Path) -> Result<(), ImagesError> {
             .write_image(&bytes, width, height, kind)
             .map_err(io::Error::other)
     };
-    files::write_whole(path, write).map_err(|cause| ImagesError::io(path, cause))
+    files::write_whole(path, write).map_err(|cause| ImagesError::write(path, cause))
 }
 
 /// Adds the extension, which NeRF's synthetic scenes omit (`.png`), to a path without a file.

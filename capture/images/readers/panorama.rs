@@ -17,6 +17,7 @@ use crate::{ImageSet, ImagesError};
 use glam::DVec3;
 use headbox_core::cube_face::Face;
 use headbox_core::depth_kind::DepthKind;
+use headbox_core::files::InputFolder;
 use std::path::{Path, PathBuf};
 
 /// Names of cube faces.
@@ -30,7 +31,8 @@ const FACES: [(&str, Face); 6] = [
 ];
 
 /// Opens the panoramas in a folder; `None` if no image has a depth file.
-pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
+pub(crate) fn open(folder: &InputFolder) -> Result<Option<ImageSet>, ImagesError> {
+    let folder = folder.path();
     let mut views = Vec::new();
     for color in list_images(folder)? {
         let stem = color

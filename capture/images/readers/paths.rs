@@ -1,61 +1,63 @@
 //! Paths in the files of a set.
 
 use crate::ImagesError;
-use headbox_core::files;
+use headbox_core::files::{InputFolder, Refusal};
 use std::ffi::OsStr;
-use std::path::{Component, Path, PathBuf};
+use std::path::{Path, PathBuf};
 
 /// Resolves a path in a manifest relative to the manifest's folder. Backslashes are separators if
-/// no file has them in its name; a file whose name differs in case alone is found. A path out of
-/// that folder is an error unless `allow_outside`.
+/// no file has them in its name; a file whose name differs in case alone is found.
+///
+/// # Errors
+/// [`ImagesError::Outside`] for a path out of the set `folder`, unless a file with its end is in
+/// the manifest's folder or below.
 pub(crate) fn resolve(
+    folder: &InputFolder,
     manifest: &Path,
     field: &str,
     written: &str,
-    allow_outside: bool,
+) -> Result<PathBuf, ImagesError> {
+    let base = manifest.parent().unwrap_or(Path::new(""));
+    resolve_in(folder, base, manifest, field, written)
+}
+
+/// Same as [`resolve`], relative to the folder `base`.
+pub(super) fn resolve_in(
+    folder: &InputFolder,
+    base: &Path,
+    manifest: &Path,
+    field: &str,
+    written: &str,
 ) -> Result<PathBuf, ImagesError> {
     if written.is_empty() {
         let cause = "is empty, not a file name";
         return Err(ImagesError::field(manifest, field, cause));
     }
-    let folder = manifest.parent().unwrap_or(Path::new(""));
-    let slashed = written.replace('\\', "/");
-    let escapes = |path: &str| {
-        let mut depth = 0i32;
-        let has_drive = path.get(1..3) == Some(":/");
-        has_drive
-            || Path::new(path).is_absolute()
-            || Path::new(path).components().any(|component| {
-                depth += match component {
-                    Component::ParentDir => -1,
-                    Component::Normal(_) => 1,
-                    _ => 0,
-                };
-                depth < 0
-            })
+    let outside = || ImagesError::Outside {
+        path: manifest.into(),
+        field: field.into(),
+        leads_to: written.into(),
     };
-    if (escapes(written) || escapes(&slashed)) && !allow_outside {
-        return Err(ImagesError::Outside {
-            path: manifest.into(),
-            field: field.into(),
-            leads_to: written.into(),
-        });
+    match find_file(folder, base, written) {
+        Ok(Some(found)) => Ok(found),
+        Ok(None) if folder.leads_out(base, written) => Err(outside()),
+        Ok(None) => Ok(base.join(written.replace('\\', "/"))),
+        Err(Refusal::Outside(_)) => Err(outside()),
+        Err(special) => Err(ImagesError::field(manifest, field, special.to_string())),
     }
-    Ok(find_file(folder, written))
 }
 
-/// Returns `folder/written`, or else the file that differs in separators and case alone.
-pub(super) fn find_file(folder: &Path, written: &str) -> PathBuf {
-    let exact = folder.join(written);
-    if exact.exists() {
-        return exact;
-    }
-    let slashed = written.replace('\\', "/");
-    let ignoring_case = files::find_similar(folder, Path::new(&slashed), |written| {
+/// Finds `base/written`, or else the file that differs in separators and case alone.
+pub(super) fn find_file(
+    folder: &InputFolder,
+    base: &Path,
+    written: &str,
+) -> Result<Option<PathBuf>, Refusal> {
+    let found = folder.find(&[base], written, false, |written: &str| {
         let wanted = written.to_lowercase();
         move |name: &OsStr| name.to_string_lossy().to_lowercase() == wanted
     });
-    ignoring_case.unwrap_or_else(|| folder.join(slashed))
+    Ok(found?.map(|found| found.path))
 }
 
 #[cfg(test)]
@@ -65,16 +67,19 @@ mod tests {
     #[test]
     fn path_out_of_folder_refused() {
         let manifest = Path::new("/data/set/manifest.json");
-        let resolve_path = |written, allow| resolve(manifest, "color", written, allow);
-        assert_eq!(
-            resolve_path("a/../b.png", false).expect("inside"),
-            Path::new("/data/set/a/../b.png")
-        );
+        let resolve_path = |written, allow| {
+            let folder = InputFolder::allowing_outside(Path::new("/data/set"), allow);
+            resolve(&folder, manifest, "color", written)
+        };
+        for inside in ["a/../b.png", "../b.png"] {
+            let path = resolve_path(inside, false).expect("inside");
+            assert_eq!(path, Path::new("/data/set").join(inside));
+        }
         for outside in [
-            "../b.png",
-            "a/../../b.png",
+            "../../b.png",
+            "a/../../../b.png",
             "/etc/passwd",
-            "a\\..\\..\\b.png",
+            "a\\..\\..\\..\\b.png",
             "C:\\set\\b.png",
         ] {
             let error = resolve_path(outside, false).expect_err(outside).to_string();
@@ -101,12 +106,14 @@ mod tests {
         }
         let manifest = folder.path().join("transforms.json");
         let found = |written| {
-            let path = resolve(&manifest, "file_path", written, false).expect("inside");
+            let set = InputFolder::new(folder.path());
+            let path = resolve(&set, &manifest, "file_path", written).expect("inside");
             let relative = path.strip_prefix(folder.path()).expect("inside");
             relative.to_string_lossy().into_owned()
         };
         assert_eq!(found("./images/0.jpg"), "Images/0.JPG");
         assert_eq!(found("images\\0.jpg"), "Images/0.JPG");
+        assert_eq!(found("/home/me/images/0.jpg"), "Images/0.JPG", "moved");
         assert_eq!(found("Images/a\\b.png"), "Images/a\\b.png", "as written");
         assert_eq!(found("images\\1.jpg"), "images/1.jpg", "missing");
     }

@@ -13,6 +13,7 @@ use crate::view::View;
 use crate::{ImageSet, ImagesError};
 use glam::{DMat4, DVec4};
 use headbox_core::depth_kind::DepthKind;
+use headbox_core::files::InputFolder;
 use headbox_core::read_note::ReadNote;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
@@ -21,7 +22,8 @@ use std::path::{Path, PathBuf};
 const POLYCAM_UNIT_M: f32 = 0.001;
 
 /// Opens the export in a folder; `None` if it has none of the layouts.
-pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
+pub(crate) fn open(set: &InputFolder) -> Result<Option<ImageSet>, ImagesError> {
+    let folder = set.path();
     for keyframes in [folder.join("keyframes"), folder.into()] {
         for [cameras, images] in [
             ["corrected_cameras", "corrected_images"],
@@ -31,7 +33,7 @@ pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
             if !(cameras.is_dir() && images.is_dir()) {
                 continue;
             }
-            if let Some(set) = open_polycam(folder, &keyframes, &cameras, &images)? {
+            if let Some(set) = open_polycam(set, &keyframes, &cameras, &images)? {
                 return Ok(Some(set));
             }
         }
@@ -39,15 +41,15 @@ pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
     for below in ["", "EXR_RGBD"] {
         let metadata = folder.join(below).join("metadata.json");
         let is_record3d = metadata.is_file()
-            && json::read(&metadata)
+            && json::read(set, &metadata)
                 .is_ok_and(|value| value["poses"].is_array() && value["K"].is_array());
         if is_record3d {
-            return open_record3d(folder, &metadata).map(Some);
+            return open_record3d(set, &metadata).map(Some);
         }
     }
     let cameras = folder.join("cameras.json");
     if cameras.is_file() {
-        return open_splat_cameras(folder, &cameras).map(Some);
+        return open_splat_cameras(set, &cameras).map(Some);
     }
     Ok(None)
 }
@@ -92,7 +94,7 @@ fn stem_of(path: &Path) -> String {
 }
 
 fn open_polycam(
-    folder: &Path,
+    set: &InputFolder,
     keyframes: &Path,
     cameras: &Path,
     images: &Path,
@@ -104,7 +106,7 @@ fn open_polycam(
     });
     // Other programs have folders of these names, too.
     let is_polycam =
-        |file: &PathBuf| json::read(file).is_ok_and(|camera| camera["t_00"].is_number());
+        |file: &PathBuf| json::read(set, file).is_ok_and(|camera| camera["t_00"].is_number());
     if !files.iter().any(is_polycam) {
         return Ok(None);
     }
@@ -115,7 +117,8 @@ fn open_polycam(
         let stem = stem_of(&file);
         let color = find_image(images, &stem);
         let name = text::file_name(&color);
-        let Some((size_px, lens, pose)) = left_out.keep(&name, polycam_camera(&file, &color))?
+        let Some((size_px, lens, pose)) =
+            left_out.keep(&name, polycam_camera(set, &file, &color))?
         else {
             continue;
         };
@@ -127,7 +130,7 @@ fn open_polycam(
     }
     let notes = text::note_names(text::WITHOUT_DEPTH, &without_depth);
     finish(
-        folder,
+        set.path(),
         "Polycam raw data",
         views,
         left_out,
@@ -137,8 +140,12 @@ fn open_polycam(
 }
 
 /// Reads a camera of Polycam: a pose of OpenGL's axes whose world has Y up.
-fn polycam_camera(file: &Path, color: &Path) -> Result<([u32; 2], Lens, Pose), ImagesError> {
-    let value = json::read(file)?;
+fn polycam_camera(
+    set: &InputFolder,
+    file: &Path,
+    color: &Path,
+) -> Result<([u32; 2], Lens, Pose), ImagesError> {
+    let value = json::read(set, file)?;
     let camera = JsonObject::root(file, &value);
     let written = [camera.side("width")?, camera.side("height")?];
     let [fx, fy, cx, cy] = ["fx", "fy", "cx", "cy"].map(|key| camera.number(key));
@@ -172,8 +179,9 @@ fn numbers(value: &Value) -> Option<Vec<f64>> {
     value.as_array()?.iter().map(Value::as_f64).collect()
 }
 
-fn open_record3d(folder: &Path, metadata: &Path) -> Result<ImageSet, ImagesError> {
-    let value = json::read(metadata)?;
+fn open_record3d(set: &InputFolder, metadata: &Path) -> Result<ImageSet, ImagesError> {
+    let folder = set.path();
+    let value = json::read(set, metadata)?;
     let root = JsonObject::root(metadata, &value);
     let written = [root.side("w")?, root.side("h")?];
     // The 3x3 matrix is stored column by column.
@@ -227,8 +235,8 @@ fn open_record3d(folder: &Path, metadata: &Path) -> Result<ImageSet, ImagesError
     finish(folder, "Record3D export", views, left_out, notes)
 }
 
-fn open_splat_cameras(folder: &Path, file: &Path) -> Result<ImageSet, ImagesError> {
-    let value = json::read(file)?;
+fn open_splat_cameras(set: &InputFolder, file: &Path) -> Result<ImageSet, ImagesError> {
+    let value = json::read(set, file)?;
     let list = value.as_array().map_or(&[][..], Vec::as_slice);
     let is_camera = |value: &Value| !value["position"].is_null() && !value["rotation"].is_null();
     if !list.iter().any(is_camera) {
@@ -248,7 +256,8 @@ fn open_splat_cameras(folder: &Path, file: &Path) -> Result<ImageSet, ImagesErro
         let written = camera.value["img_name"].as_str().unwrap_or_default();
         let frame = || {
             let name = camera.text("img_name")?;
-            let color = splat_image(folder, name).ok_or_else(|| {
+            let color = find_named_image(set, file, name)?;
+            let color = color.ok_or_else(|| {
                 camera.error("img_name", format!("is {name}: not found in images"))
             })?;
             let written = [camera.side("width")?, camera.side("height")?];
@@ -284,20 +293,10 @@ fn open_splat_cameras(folder: &Path, file: &Path) -> Result<ImageSet, ImagesErro
     );
     let notes = resized.into_iter().collect();
     finish(
-        folder,
+        set.path(),
         "3D Gaussian Splatting cameras.json",
         views,
         left_out,
         notes,
     )
-}
-
-/// Finds the image of a name that mostly lacks its extension.
-fn splat_image(folder: &Path, name: &str) -> Option<PathBuf> {
-    let path = Path::new(name);
-    let has_parent = |part| part == std::path::Component::ParentDir;
-    if path.is_absolute() || path.components().any(has_parent) || name.is_empty() {
-        return None;
-    }
-    find_named_image(folder, name)
 }

@@ -13,6 +13,7 @@ use crate::readers::text;
 use crate::view::View;
 use crate::{ImageSet, ImagesError};
 use glam::{DMat3, DVec3};
+use headbox_core::files::InputFolder;
 use std::path::{Path, PathBuf};
 
 /// Maximum displacement of a pixel by a skew that is ignored, pixels.
@@ -25,8 +26,8 @@ const SINGULAR: f64 = 1e-12;
 type Projection = [[f64; 4]; 3];
 
 /// Opens the set in a folder; `None` without projection matrices.
-pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
-    let files = text::list_folder(folder)?;
+pub(crate) fn open(folder: &InputFolder) -> Result<Option<ImageSet>, ImagesError> {
+    let files = text::list_folder(folder.path())?;
     let has_extension = |path: &Path, wanted: &str| {
         path.extension()
             .is_some_and(|extension| extension.eq_ignore_ascii_case(wanted))
@@ -40,7 +41,7 @@ pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
     let mut views = Vec::new();
     let mut without_image = Vec::new();
     if matrices.is_empty() {
-        let Some((file, projections)) = read_matlab_file(&files, &has_extension)? else {
+        let Some((file, projections)) = read_matlab_file(folder, &files, &has_extension)? else {
             return Ok(None);
         };
         if projections.len() != images.len() {
@@ -57,7 +58,7 @@ pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
         }
     } else {
         for file in matrices {
-            let numbers = text::read_numbers(file, 12, "the projection matrix")?;
+            let numbers = text::read_numbers(folder, file, 12, "the projection matrix")?;
             let stem = file.with_extension("");
             let is_own = |image: &&&PathBuf| image.with_extension("") == stem || ***image == stem;
             let Some(color) = images.iter().find(is_own) else {
@@ -71,7 +72,7 @@ pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
         }
         if views.is_empty() {
             return Err(ImagesError::field(
-                folder,
+                folder.path(),
                 "*.P",
                 "no file has an image of its name next to it",
             ));
@@ -86,17 +87,18 @@ pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
     notes.extend(text::note_names("skipped, without image", &without_image));
     Ok(Some(ImageSet {
         notes,
-        ..ImageSet::new(folder, "projection matrices", views)
+        ..ImageSet::new(folder.path(), "projection matrices", views)
     }))
 }
 
 /// Reads the projection matrices of the first MATLAB file that has a variable `P`.
 fn read_matlab_file(
+    folder: &InputFolder,
     files: &[PathBuf],
     has_extension: &dyn Fn(&Path, &str) -> bool,
 ) -> Result<Option<(PathBuf, Vec<Projection>)>, ImagesError> {
     for file in files.iter().filter(|path| has_extension(path, "mat")) {
-        let bytes = std::fs::read(file).map_err(|cause| ImagesError::io(file, cause))?;
+        let bytes = text::read_bytes(folder, file)?;
         let value = mat5::read_variable(&bytes, "P")
             .map_err(|cause| ImagesError::invalid_picture(file, cause))?;
         let Some(value) = value else { continue };

@@ -11,6 +11,7 @@ use crate::readers::text;
 use crate::view::View;
 use crate::{ImageSet, ImagesError};
 use headbox_core::depth_kind::DepthKind;
+use headbox_core::files::InputFolder;
 use std::path::{Path, PathBuf};
 
 /// Camera of 7-Scenes, whose folders have no intrinsics: focal length and principal point, pixel
@@ -18,13 +19,14 @@ use std::path::{Path, PathBuf};
 const SEVEN_SCENES: [f64; 3] = [585.0, 320.0, 240.0];
 
 /// Opens the frames in a folder or below it; `None` without poses.
-pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
+pub(crate) fn open(set: &InputFolder) -> Result<Option<ImageSet>, ImagesError> {
+    let folder = set.path();
     let Some((frame_folder, poses)) = find_poses(folder, 3)? else {
         return Ok(None);
     };
     let mut notes = Vec::new();
     let pinhole = match find_intrinsics(&frame_folder, folder) {
-        Some(file) => read_intrinsics(&file)?,
+        Some(file) => read_intrinsics(set, &file)?,
         None => {
             let [focal, x, y] = SEVEN_SCENES;
             notes.push(format!(
@@ -43,12 +45,12 @@ pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
             .to_string_lossy()
             .trim_end_matches("pose.txt")
             .to_owned();
-        let pose = text::read_number_list(&pose_file).and_then(|numbers| {
+        let pose = text::read_number_list(set, &pose_file).and_then(|numbers| {
             pose_from_rows(&numbers)
                 .map_err(|cause| ImagesError::field(&pose_file, "the 4x4 pose", cause))
         });
         // Trackers write infinities where tracking was lost.
-        if pose.is_err() && is_lost(&pose_file) {
+        if pose.is_err() && is_lost(set, &pose_file) {
             without_pose.push(text::file_name(&pose_file));
             continue;
         }
@@ -89,8 +91,8 @@ pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
 }
 
 /// Returns true if a pose file contains numbers that are not finite.
-fn is_lost(pose_file: &Path) -> bool {
-    std::fs::read_to_string(pose_file).is_ok_and(|text| {
+fn is_lost(set: &InputFolder, pose_file: &Path) -> bool {
+    set.read_text(pose_file).is_ok_and(|text| {
         let text = text.to_lowercase();
         text.contains("inf") || text.contains("nan")
     })

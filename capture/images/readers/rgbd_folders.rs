@@ -4,7 +4,7 @@
 use super::intrinsics::{create_pinhole, pose_from_rows, read_intrinsics};
 use super::json::{self, JsonObject};
 use super::left_out::LeftOut;
-use super::paths::resolve;
+use super::paths::{find_file, resolve};
 use super::text;
 use crate::color_images::read_size;
 use crate::depth::DepthSource;
@@ -14,6 +14,7 @@ use crate::view::View;
 use crate::{ImageSet, ImagesError};
 use glam::{DMat4, DQuat, DVec3};
 use headbox_core::depth_kind::DepthKind;
+use headbox_core::files::{InputFolder, Refusal};
 use headbox_core::read_note::ReadNote;
 use std::path::{Path, PathBuf};
 
@@ -33,7 +34,8 @@ const REPLICA: [f64; 4] = [6553.5, 600.0, 599.5, 339.5];
 const TUM_CAMERA: [f64; 4] = [525.0, 525.0, 319.5, 239.5];
 
 /// Opens the sequence in a folder; `None` if it has none of the layouts.
-pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
+pub(crate) fn open(set: &InputFolder) -> Result<Option<ImageSet>, ImagesError> {
+    let folder = set.path();
     let first = |names: &[&str]| {
         let mut folders = names.iter().map(|name| folder.join(name));
         folders.find(|folder| folder.is_dir())
@@ -41,13 +43,13 @@ pub(crate) fn open(folder: &Path) -> Result<Option<ImageSet>, ImagesError> {
     let poses = first(&["pose", "poses"]);
     let colors = first(&["color", "rgb", "images"]);
     if let (Some(poses), Some(colors)) = (poses, colors) {
-        return open_scannet(folder, &poses, &colors).map(Some);
+        return open_scannet(set, &poses, &colors).map(Some);
     }
     if folder.join("groundtruth.txt").is_file() && folder.join("rgb.txt").is_file() {
-        return open_tum(folder).map(Some);
+        return open_tum(set).map(Some);
     }
     if folder.join("traj.txt").is_file() && folder.join("results").is_dir() {
-        return open_replica(folder).map(Some);
+        return open_replica(set).map(Some);
     }
     Ok(None)
 }
@@ -121,19 +123,32 @@ pub(super) fn find_image(folder: &Path, stem: &str) -> PathBuf {
         .unwrap_or_else(|| named("jpg"))
 }
 
-/// Returns the image that a camera names, with or without its extension, in the folders where
-/// photographs lie beside the file of cameras.
-pub(super) fn find_named_image(folder: &Path, name: &str) -> Option<PathBuf> {
-    let places = ["images", "input", ""].map(|place| folder.join(place));
-    places.into_iter().find_map(|place| {
-        let whole = super::paths::find_file(&place, name);
-        let found = if whole.is_file() {
-            whole
-        } else {
-            find_image(&place, name)
-        };
-        found.is_file().then_some(found)
-    })
+/// Returns the image that a camera of `file` names, with or without its extension, in the folders
+/// where photographs lie beside the file.
+pub(super) fn find_named_image(
+    set: &InputFolder,
+    file: &Path,
+    name: &str,
+) -> Result<Option<PathBuf>, ImagesError> {
+    // Programs write paths of their own machine.
+    let leads_out = set.leads_out(set.path(), name);
+    let last = name.rsplit(['/', '\\']).next().unwrap_or(name);
+    let stem = if leads_out { last } else { name };
+    for place in ["images", "input", ""].map(|place| set.path().join(place)) {
+        let whole = find_file(set, &place, name).map_err(|refusal| match refusal {
+            Refusal::Outside(_) => ImagesError::Outside {
+                path: file.into(),
+                field: "the name of an image".into(),
+                leads_to: name.into(),
+            },
+            special => ImagesError::field(file, name, special.to_string()),
+        })?;
+        let found = whole.unwrap_or_else(|| find_image(&place, stem));
+        if found.is_file() {
+            return Ok(Some(found));
+        }
+    }
+    Ok(None)
 }
 
 /// Reads a number at the end of a name, so that 10 follows 9.
@@ -142,7 +157,8 @@ fn number_of(path: &Path) -> (Option<u64>, String) {
     (stem.parse().ok(), stem.into_owned())
 }
 
-fn open_scannet(folder: &Path, poses: &Path, colors: &Path) -> Result<ImageSet, ImagesError> {
+fn open_scannet(set: &InputFolder, poses: &Path, colors: &Path) -> Result<ImageSet, ImagesError> {
+    let folder = set.path();
     let names = ["intrinsic_color.txt", "intrinsic_depth.txt"];
     let places = ["intrinsic", "intrinsics", ""];
     let find = |name: &str| {
@@ -155,10 +171,10 @@ fn open_scannet(folder: &Path, poses: &Path, colors: &Path) -> Result<ImageSet, 
         let expected = folder.join("intrinsic").join(names[0]);
         return Err(ImagesError::field(&expected, "the file", cause));
     };
-    let lens = read_intrinsics(&file)?;
+    let lens = read_intrinsics(set, &file)?;
     let mut notes = Vec::new();
     if let Some(depth_file) = find(names[1]) {
-        let depth = read_intrinsics(&depth_file)?;
+        let depth = read_intrinsics(set, &depth_file)?;
         let ratios = [0, 1].map(|i| lens.focal_px[i] / depth.focal_px[i]);
         if (ratios[0] / ratios[1] - 1.0).abs() > 0.02 {
             notes.push(
@@ -175,7 +191,7 @@ fn open_scannet(folder: &Path, poses: &Path, colors: &Path) -> Result<ImageSet, 
     let mut sequence = Sequence::new();
     for pose_file in poses {
         let (_, stem) = number_of(&pose_file);
-        let pose = text::read_number_list(&pose_file).and_then(|numbers| {
+        let pose = text::read_number_list(set, &pose_file).and_then(|numbers| {
             pose_from_rows(&numbers)
                 .map_err(|cause| ImagesError::field(&pose_file, "the 4x4 pose", cause))
         });
@@ -190,8 +206,8 @@ fn open_scannet(folder: &Path, poses: &Path, colors: &Path) -> Result<ImageSet, 
 type TimedLine = (f64, Vec<String>);
 
 /// Reads a list of TUM, sorted by time.
-fn read_timed(file: &Path) -> Result<Vec<TimedLine>, ImagesError> {
-    let text = std::fs::read_to_string(file).map_err(|cause| ImagesError::io(file, cause))?;
+fn read_timed(set: &InputFolder, file: &Path) -> Result<Vec<TimedLine>, ImagesError> {
+    let text = text::read_text(set, file)?;
     let mut lines = Vec::new();
     for (number, line) in super::colmap::lines(&text).filter(|(_, line)| !line.is_empty()) {
         let mut words = line.split([' ', '\t', ',']).filter(|word| !word.is_empty());
@@ -232,14 +248,15 @@ pub(super) fn pose_from_words(words: &[String]) -> Result<DMat4, String> {
     ))
 }
 
-fn open_tum(folder: &Path) -> Result<ImageSet, ImagesError> {
+fn open_tum(set: &InputFolder) -> Result<ImageSet, ImagesError> {
+    let folder = set.path();
     let colors_file = folder.join("rgb.txt");
     let poses_file = folder.join("groundtruth.txt");
-    let colors = read_timed(&colors_file)?;
-    let poses = read_timed(&poses_file)?;
+    let colors = read_timed(set, &colors_file)?;
+    let poses = read_timed(set, &poses_file)?;
     let depth_file = folder.join("depth.txt");
     let depths = if depth_file.is_file() {
-        read_timed(&depth_file)?
+        read_timed(set, &depth_file)?
     } else {
         Vec::new()
     };
@@ -252,11 +269,12 @@ fn open_tum(folder: &Path) -> Result<ImageSet, ImagesError> {
     ]
     .map(|name| folder.join(name));
     let own = own.into_iter().find(|file| file.is_file());
-    let mut lens = own.as_deref().map(read_intrinsics).transpose()?;
+    let lens = own.as_deref().map(|file| read_intrinsics(set, file));
+    let mut lens = lens.transpose()?;
     let mut sequence = Sequence::new();
     for (time, words) in &colors {
         let written = words.first().map_or("", String::as_str);
-        let color = resolve(&colors_file, &format!("time {time}"), written, false)?;
+        let color = resolve(set, &colors_file, &format!("time {time}"), written)?;
         let lens = match lens {
             Some(lens) => lens,
             None => *lens.insert(sensor_lens(folder, &color, &mut notes)?),
@@ -267,7 +285,7 @@ fn open_tum(folder: &Path) -> Result<ImageSet, ImagesError> {
         let pose = pose.map_err(|cause| ImagesError::field(&poses_file, "the file", cause));
         let depth = nearest(&depths, *time)
             .and_then(|words| words.first())
-            .map(|written| resolve(&depth_file, "depth", written, false))
+            .map(|written| resolve(set, &depth_file, "depth", written))
             .transpose()?;
         sequence.add(color, depth.map(|path| (path, TUM_UNIT_M)), pose, lens)?;
     }
@@ -337,7 +355,8 @@ fn sensor_lens(
     })
 }
 
-fn open_replica(folder: &Path) -> Result<ImageSet, ImagesError> {
+fn open_replica(set: &InputFolder) -> Result<ImageSet, ImagesError> {
+    let folder = set.path();
     let mut notes = Vec::new();
     let [mut scale, focal, x, y] = REPLICA;
     let above = folder.parent().map(|parent| parent.join("cam_params.json"));
@@ -346,7 +365,7 @@ fn open_replica(folder: &Path) -> Result<ImageSet, ImagesError> {
         .flatten()
         .find(|file| file.is_file());
     let lens = if let Some(file) = file {
-        let value = json::read(&file)?;
+        let value = json::read(set, &file)?;
         let camera = JsonObject::root(&file, &value).object("camera")?;
         scale = camera.number("scale")?;
         if scale <= 0.0 {
@@ -366,8 +385,7 @@ fn open_replica(folder: &Path) -> Result<ImageSet, ImagesError> {
         create_pinhole([focal; 2], [x, y])
     };
     let trajectory = folder.join("traj.txt");
-    let text = std::fs::read_to_string(&trajectory)
-        .map_err(|cause| ImagesError::io(&trajectory, cause))?;
+    let text = text::read_text(set, &trajectory)?;
     let results = text::list_folder(&folder.join("results"))?;
     let named = |prefix: &str| -> Vec<&PathBuf> {
         let has_prefix = |path: &&PathBuf| text::file_name(path).starts_with(prefix);

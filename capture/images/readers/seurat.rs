@@ -10,11 +10,12 @@ use crate::view::View;
 use crate::{ImageSet, ImagesError, resolve};
 use glam::{DMat4, DVec3};
 use headbox_core::depth_kind::DepthKind;
+use headbox_core::files::InputFolder;
 use std::path::{Path, PathBuf};
 
 /// Opens the set of a manifest.
-pub(crate) fn open(file: &Path, allow_outside: bool) -> Result<ImageSet, ImagesError> {
-    let value = json::read(file)?;
+pub(crate) fn open(folder: &InputFolder, file: &Path) -> Result<ImageSet, ImagesError> {
+    let value = json::read(folder, file)?;
     let root = JsonObject::root(file, &value);
     // Seurat has subtracted the centre, the position of the capture in the scene, from the poses.
     let centre = root
@@ -24,16 +25,15 @@ pub(crate) fn open(file: &Path, allow_outside: bool) -> Result<ImageSet, ImagesE
     let mut views = Vec::new();
     for group in root.list("view_groups")? {
         for view in group.list("views")? {
-            views.push(read_view(&view, allow_outside)?);
+            views.push(read_view(folder, &view)?);
         }
     }
     if views.is_empty() {
         return Err(root.error("view_groups", "contains no view"));
     }
-    let folder = file.parent().unwrap_or(Path::new(""));
     Ok(ImageSet {
         headbox_centre: centre,
-        ..ImageSet::new(folder, "Seurat manifest", views)
+        ..ImageSet::new(folder.path(), "Seurat manifest", views)
     })
 }
 
@@ -47,7 +47,7 @@ fn headbox_centre(root: &JsonObject) -> Result<DVec3, ImagesError> {
         .ok_or_else(|| root.error("headbox_center", "must hold three numbers"))
 }
 
-fn read_view(view: &JsonObject, allow_outside: bool) -> Result<View, ImagesError> {
+fn read_view(folder: &InputFolder, view: &JsonObject) -> Result<View, ImagesError> {
     let camera = view.object("projective_camera")?;
     let size_px = [camera.side("image_width")?, camera.side("image_height")?];
     let clip_from_eye = camera.matrix("clip_from_eye_matrix")?;
@@ -70,12 +70,8 @@ fn read_view(view: &JsonObject, allow_outside: bool) -> Result<View, ImagesError
     let color = files.object("color")?;
     let depth = files.object("depth")?;
     let path = |object: &JsonObject| -> Result<PathBuf, ImagesError> {
-        resolve(
-            object.file,
-            &object.field_path("path"),
-            object.text("path")?,
-            allow_outside,
-        )
+        let field = object.field_path("path");
+        resolve(folder, object.file, &field, object.text("path")?)
     };
     let rows = clip_from_eye.transpose();
     let depth_path = path(&depth)?;

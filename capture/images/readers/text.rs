@@ -1,6 +1,7 @@
 //! Numbers in plain text files, lists of files, and file names in messages.
 
 use crate::ImagesError;
+use headbox_core::files::InputFolder;
 use headbox_core::read_note::ReadNote;
 use std::path::{Path, PathBuf};
 
@@ -13,9 +14,22 @@ pub(super) fn list_folder(folder: &Path) -> Result<Vec<PathBuf>, ImagesError> {
     Ok(paths)
 }
 
+/// Reads a file of a set.
+pub(crate) fn read_bytes(folder: &InputFolder, file: &Path) -> Result<Vec<u8>, ImagesError> {
+    folder
+        .read(file)
+        .map_err(|cause| ImagesError::io(file, cause))
+}
+
+/// Reads a text file of a set.
+pub(super) fn read_text(folder: &InputFolder, file: &Path) -> Result<String, ImagesError> {
+    let text = folder.read_text(file);
+    text.map_err(|cause| ImagesError::io(file, cause))
+}
+
 /// Reads a text file of numbers, regardless of line breaks; numbers may be `nan` or infinite.
-pub(super) fn read_number_list(path: &Path) -> Result<Vec<f64>, ImagesError> {
-    let text = std::fs::read_to_string(path).map_err(|cause| ImagesError::io(path, cause))?;
+pub(super) fn read_number_list(folder: &InputFolder, path: &Path) -> Result<Vec<f64>, ImagesError> {
+    let text = read_text(folder, path)?;
     let words = text
         .split([' ', '\t', ',', '\r', '\n'])
         .filter(|word| !word.is_empty());
@@ -26,11 +40,12 @@ pub(super) fn read_number_list(path: &Path) -> Result<Vec<f64>, ImagesError> {
 /// Reads a text file of exactly `count` numbers, regardless of line breaks. `field` names them in
 /// errors.
 pub(super) fn read_numbers(
+    folder: &InputFolder,
     path: &Path,
     count: usize,
     field: &str,
 ) -> Result<Vec<f64>, ImagesError> {
-    let text = std::fs::read_to_string(path).map_err(|cause| ImagesError::io(path, cause))?;
+    let text = read_text(folder, path)?;
     let numbers: Result<Vec<f64>, _> = text.split_whitespace().map(str::parse).collect();
     match numbers {
         Ok(numbers) if numbers.len() == count && numbers.iter().all(|n| n.is_finite()) => {

@@ -1,5 +1,6 @@
 //! Search for the OBJ export of a home.
 
+use headbox_core::files::InputFolder;
 use headbox_scene::load::{extension_of, file_stem, folder_of, read};
 use std::path::{Path, PathBuf};
 
@@ -18,6 +19,14 @@ pub(super) fn find_export(plan: &Path, notes: &mut Vec<String>) -> Result<Option
         .collect();
     all.retain(|path| extension_of(path) == "obj");
     all.sort();
+    let home = InputFolder::new(folder);
+    all.retain(|path| match home.check(path) {
+        Ok(()) => true,
+        Err(refusal) => {
+            notes.push(format!("{} is not used: it {refusal}", path.display()));
+            false
+        }
+    });
     let stem = |path: &Path| file_stem(path).to_lowercase();
     let file_name = |path: &Path| {
         let name = path.file_name().unwrap_or_default();

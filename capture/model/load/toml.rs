@@ -5,8 +5,10 @@ use super::assign::{Portion, assign_triangles};
 use crate::{Cell, Portal, PortalModel, Prism};
 use glam::{DVec2, DVec3};
 use headbox_core::file_frame::{FileFrame, UpAxis};
+use headbox_core::files::InputFolder;
 use headbox_scene::load::{LoadError, LoadOptions, file_stem, folder_of, load_grouped, read};
 use serde::Deserialize;
+use std::ffi::{OsStr, OsString};
 use std::path::{Path, PathBuf};
 
 #[derive(Deserialize)]
@@ -82,6 +84,23 @@ fn parse(path: &Path) -> Result<FileModel, LoadError> {
     })
 }
 
+/// Finds the scene file that a model names.
+fn find_scene(path: &Path, scene: &Path) -> Result<PathBuf, LoadError> {
+    let folder = InputFolder::new(folder_of(path));
+    let same = |written: &str| {
+        let written = OsString::from(written);
+        move |name: &OsStr| name == written
+    };
+    match folder.find(&[folder.path()], &scene.to_string_lossy(), false, same) {
+        Ok(Some(found)) => Ok(found.path),
+        Ok(None) => Ok(folder.path().join(scene)),
+        Err(refusal) => {
+            let cause = format!("scene = \"{}\" {refusal}", scene.display());
+            Err(LoadError::malformed(path, cause))
+        }
+    }
+}
+
 pub(super) fn load(path: &Path) -> Result<LoadedModel, LoadError> {
     let file = parse(path)?;
     let up = if matches!(file.up, Up::Z) {
@@ -93,7 +112,7 @@ pub(super) fn load(path: &Path) -> Result<LoadedModel, LoadError> {
         up: Some(up),
         unit_m: Some(file.unit),
     };
-    let grouped = load_grouped(&folder_of(path).join(&file.scene), &options)?;
+    let grouped = load_grouped(&find_scene(path, &file.scene)?, &options)?;
     let frame = grouped.scene.frame;
 
     if file.cell.iter().filter(|cell| cell.outside).count() > 1 {

@@ -11,6 +11,7 @@ mod lights;
 pub mod lines;
 mod material_names;
 pub mod mtl;
+mod named_files;
 pub mod notes;
 pub mod obj;
 mod obj_prepare;

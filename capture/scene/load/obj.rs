@@ -20,11 +20,12 @@ use super::encoding::decode_text;
 use super::lines::{keyword, without_comment};
 use super::material_names::MaterialNames;
 use super::mtl::{Map, MtlMaterial};
+use super::named_files::find_file;
 use super::notes::{Note, Notes};
 use super::obj_prepare::{LineError, PreparedObj, prepare};
 use super::orientation::{FrameHints, head_comments};
 use super::polygon::triangulate;
-use super::textures::{DecodedTextures, Handle, Role, TextureTable, TextureUse, find_file};
+use super::textures::{DecodedTextures, Handle, Role, TextureTable, TextureUse};
 use super::{LoadError, LoadOptions, folder_of};
 use crate::load::mtl;
 use crate::material::{Cutout, Material, Sampler, Wrap};
@@ -32,6 +33,7 @@ use crate::scene::Vertex;
 use glam::{Affine2, DVec3, Vec2, Vec3};
 use headbox_core::color::linear_from_srgb;
 use headbox_core::file_frame::FileFrame;
+use headbox_core::files::InputFolder;
 use headbox_core::memory;
 use std::collections::{HashMap, HashSet};
 use std::path::Path;
@@ -57,7 +59,8 @@ pub(super) fn load(
         comments: head_comments(&text),
         floors: obj.floors,
     };
-    let materials = read_libraries(&obj.libraries, folder_of(path), &mut notes);
+    let scene = InputFolder::new(folder_of(path));
+    let materials = read_libraries(&obj.libraries, &scene, &mut notes);
     let builder = Builder::with_hints(hints, notes);
     let images = EmbeddedImages::new();
     build(path, obj, &materials, &images, builder, groups)
@@ -111,7 +114,7 @@ fn build(
     let models =
         parse(&obj.text, by_name).map_err(|cause| LoadError::malformed(path, cause.to_string()))?;
 
-    let surfaces = ObjMaterials::new(materials, folder_of(path), images, &models, notes);
+    let surfaces = ObjMaterials::new(materials, path, images, &models, notes);
     for model in &models {
         if groups {
             builder.begin_group(&model.name);
@@ -137,7 +140,11 @@ fn parse(text: &str, by_name: HashMap<String, usize>) -> Result<Vec<tobj::Model>
 /// Reads the material files, each once. A `mtllib` has one file name, which may contain spaces, or
 /// several. Of materials with the same name the last one counts, and so does the last mention of a
 /// file.
-fn read_libraries(libraries: &[String], folder: &Path, notes: &mut Notes) -> Vec<MtlMaterial> {
+fn read_libraries(
+    libraries: &[String],
+    scene: &InputFolder,
+    notes: &mut Notes,
+) -> Vec<MtlMaterial> {
     let mut materials = Vec::new();
     let mut seen = HashSet::new();
     let mut libraries: Vec<&String> = libraries
@@ -147,16 +154,16 @@ fn read_libraries(libraries: &[String], folder: &Path, notes: &mut Notes) -> Vec
         .collect();
     libraries.reverse();
     for written in libraries {
-        let names: Vec<&str> = match find_file(written, &[folder]) {
-            Some(_) => vec![written],
-            None => without_comment(written)
+        let find = |name: &str| find_file(name, scene.path(), scene);
+        let names: Vec<&str> = match find(written) {
+            Ok(_) => vec![written],
+            Err(_) => without_comment(written)
                 .unwrap_or(written)
                 .split_whitespace()
                 .collect(),
         };
         for name in names {
-            let found = find_file(name, &[folder]).ok_or_else(|| "no such file".to_owned());
-            let read = found.and_then(|found| match memory::read_file(&found.path) {
+            let read = find(name).and_then(|found| match memory::read_file(&found.path) {
                 Ok(bytes) => Ok((found.path, bytes)),
                 Err(cause) => {
                     notes.add_if_over_budget(name, &cause);
@@ -216,7 +223,7 @@ impl ObjMaterials {
     /// Converts the materials that the models use and decodes their textures.
     fn new(
         mtl: &[MtlMaterial],
-        folder: &Path,
+        path: &Path,
         images: &EmbeddedImages,
         models: &[tobj::Model],
         notes: &mut Notes,
@@ -233,11 +240,12 @@ impl ObjMaterials {
         };
         let all = || mtl.iter().chain([&neutral]).zip(&used);
 
+        let scene = InputFolder::new(folder_of(path));
         let mut set = TextureTable::default();
         let maps: Vec<Maps> = all()
             .map(|(m, &used)| {
                 if used {
-                    request_maps(m, (folder, images), &mut set, notes)
+                    request_maps(m, (&scene, images), &mut set, notes)
                 } else {
                     Maps::default()
                 }
@@ -338,11 +346,10 @@ impl ObjMaterials {
 /// Requests the textures of a material.
 fn request_maps(
     m: &MtlMaterial,
-    (folder, images): (&Path, &EmbeddedImages),
+    (scene, images): (&InputFolder, &EmbeddedImages),
     set: &mut TextureTable,
     notes: &mut Notes,
 ) -> Maps {
-    let folders = [m.folder.as_path(), folder];
     let mut request = |map: &Option<Map>, role| {
         let map = map.as_ref()?;
         let wrap = if map.clamp { Wrap::Clamp } else { Wrap::Repeat };
@@ -359,8 +366,8 @@ fn request_maps(
         Some(match bytes {
             Some(bytes) => set.embedded(&map.file, Ok(bytes), texture_use),
             None => {
-                let name = behind_unknown_options(&map.file, &folders, notes);
-                set.file(name, &folders, texture_use, notes)
+                let name = behind_unknown_options(&map.file, &m.folder, scene, notes);
+                set.file(name, &m.folder, scene, texture_use, notes)
             }
         })
     };
@@ -379,14 +386,20 @@ fn request_maps(
 
 /// Returns the part of `written` that names a file, if it is not the whole and follows options of
 /// unknown length.
-fn behind_unknown_options<'a>(written: &'a str, folders: &[&Path], notes: &mut Notes) -> &'a str {
-    if !written.starts_with('-') || find_file(written, folders).is_some() {
+fn behind_unknown_options<'a>(
+    written: &'a str,
+    base: &Path,
+    scene: &InputFolder,
+    notes: &mut Notes,
+) -> &'a str {
+    let exists = |name: &str| find_file(name, base, scene).is_ok();
+    if !written.starts_with('-') || exists(written) {
         return written;
     }
     let mut rest = written;
     for _ in 0..MAX_UNKNOWN_WORDS {
         rest = keyword(rest).1;
-        if find_file(rest, folders).is_some() {
+        if exists(rest) {
             let option = written[..written.len() - rest.len()].trim_end();
             notes.add_named(Note::MapOptionIgnored, option);
             return rest;

@@ -1,17 +1,15 @@
-//! Texture files: search, decoding and sharing.
+//! Texture files: decoding and sharing.
 
-use super::encoding::{respellings, spellings_of_file};
-use super::lines::without_comment;
+use super::named_files::find_file;
 use super::notes::{Note, Notes};
 use crate::material::{Sampler, Texture};
 use headbox_core::color::srgb8_from_linear;
-use headbox_core::files;
+use headbox_core::files::InputFolder;
 use headbox_core::image::codec::{self, PictureError};
 use image::DynamicImage;
 use rayon::prelude::*;
 use std::borrow::Cow;
-use std::collections::{BTreeSet, HashMap};
-use std::ffi::OsStr;
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 /// Use of an image.
@@ -86,17 +84,18 @@ impl Slot {
 }
 
 impl TextureTable {
-    /// Requests the image file that a material calls `written`; searches `folders` in order.
+    /// Requests the image file that a material in the folder `base` of the scene calls `written`.
     pub(super) fn file(
         &mut self,
         written: &str,
-        folders: &[&Path],
+        base: &Path,
+        scene: &InputFolder,
         texture_use: TextureUse,
         notes: &mut Notes,
     ) -> Handle {
-        let (name, source) = match find_file(written, folders) {
-            Some(found) => {
-                if found.renamed {
+        let (name, source) = match find_file(written, base, scene) {
+            Ok(found) => {
+                if found.is_renamed {
                     notes.add_named(Note::TextureRenamed, written);
                 }
                 // A material may spell the same path differently.
@@ -104,7 +103,7 @@ impl TextureTable {
                 notes.add_file(&path);
                 (path.to_string_lossy().into_owned(), Source::File(path))
             }
-            None => (written.to_owned(), Source::Absent("no such file".into())),
+            Err(cause) => (written.to_owned(), Source::Absent(cause)),
         };
         self.request(name, texture_use, || source)
     }
@@ -277,65 +276,4 @@ fn mask_texels(image: &DynamicImage) -> Vec<[u8; 4]> {
     rgba.pixels()
         .map(|p| [255, 255, 255, opacity(p) as u8])
         .collect()
-}
-
-/// Result of a search for a file.
-pub(super) struct FoundFile {
-    pub(super) path: PathBuf,
-    /// True if folder or spelling differ from those specified.
-    pub(super) renamed: bool,
-}
-
-/// Finds the file that a scene file calls `written` in one of the `folders`: as it is written; then
-/// without its drive, ignoring case and in other encodings; then by its last component alone,
-/// because some programs write absolute paths of their machine. Quotes are removed; backslashes are
-/// separators, too. If there is none, the name may end before a comment.
-pub(super) fn find_file(written: &str, folders: &[&Path]) -> Option<FoundFile> {
-    find_named(written, folders).or_else(|| find_named(without_comment(written)?, folders))
-}
-
-fn find_named(written: &str, folders: &[&Path]) -> Option<FoundFile> {
-    let clean = written.trim().trim_matches('"').replace('\\', "/");
-    if clean.is_empty() {
-        return None;
-    }
-    let exact = folders
-        .iter()
-        .map(|folder| folder.join(&clean))
-        .find(|path| path.is_file());
-    if let Some(path) = exact {
-        return Some(FoundFile {
-            path,
-            renamed: false,
-        });
-    }
-    let without_drive = match clean.split_once(':') {
-        Some((drive, rest)) if drive.len() == 1 => rest,
-        _ => &clean,
-    };
-    let relative = Path::new(without_drive.trim_start_matches('/'));
-    let by_name = Path::new(relative.file_name()?);
-    let candidates = [relative, by_name]
-        .into_iter()
-        .flat_map(|name| folders.iter().map(move |f| (f, name)));
-    let path = candidates
-        .filter_map(|(folder, name)| find_respelled(folder, name))
-        .find(|path| path.is_file())?;
-    Some(FoundFile {
-        path,
-        renamed: true,
-    })
-}
-
-/// Finds `folder/relative`; a component without an exact match is matched ignoring case and in
-/// other encodings.
-fn find_respelled(folder: &Path, relative: &Path) -> Option<PathBuf> {
-    files::find_similar(folder, relative, |written| {
-        let mut wanted: BTreeSet<String> = respellings(written)
-            .iter()
-            .map(|name| name.to_lowercase())
-            .collect();
-        wanted.insert(written.to_lowercase());
-        move |name: &OsStr| !spellings_of_file(name).is_disjoint(&wanted)
-    })
 }

@@ -10,21 +10,26 @@
 //! | a folder, a block device, a socket | refused |
 //!
 //! On any error, and when the process is interrupted, the old file remains unchanged and no partial
-//! file is left.
+//! file is left. What a killed process leaves is removed by the next one that writes to the folder
+//! (`unfinished`).
+//!
+//! `inputs` has the rule for files that inputs name.
 
+mod inputs;
 #[cfg(test)]
 mod tests;
+mod unfinished;
 
-use std::collections::{BTreeMap, BTreeSet};
+pub use inputs::{FoundInput, InputFolder, Refusal, set_permissions};
+pub use unfinished::{StagingFolder, remove_unfinished};
+
+use std::collections::BTreeMap;
 use std::ffi::OsStr;
 use std::fs::{self, File, Metadata, OpenOptions, Permissions};
 use std::io::{self, BufWriter, Seek, Write};
 use std::path::{Component, Path, PathBuf};
-use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
-
-/// Existing temporary files, to be removed if the process is interrupted.
-static UNFINISHED: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
+use unfinished::Unfinished;
 
 /// Input files of the user, which must not be overwritten.
 static INPUTS: Mutex<BTreeMap<Identity, PathBuf>> = Mutex::new(BTreeMap::new());
@@ -124,6 +129,26 @@ pub fn check_folder(folder: &Path) -> io::Result<()> {
         .map_err(|error| folder_error(nearest, &error))
 }
 
+/// Checks that no symbolic link leads from the folder `root`, or is it, to a file of a cache. They
+/// are not followed: who can place a link could have any file read or replaced.
+///
+/// # Errors
+/// [`io::ErrorKind::InvalidInput`], with the link.
+pub fn refuse_links(root: &Path, file: &Path) -> io::Result<()> {
+    let is_link = |path: &&Path| {
+        path.symlink_metadata()
+            .is_ok_and(|found| found.is_symlink())
+    };
+    let mut below = file.ancestors().take_while(|path| path.starts_with(root));
+    match below.find(is_link) {
+        Some(link) => Err(refused(format!(
+            "{} is a symbolic link, which is not followed here; remove the link",
+            link.display()
+        ))),
+        None => Ok(()),
+    }
+}
+
 /// Declares `path` an input of this process: [`write_whole`] refuses to write to the same file
 /// under any name (links, hard links, other spellings). Does nothing if there is no such file.
 pub fn protect_input(path: &Path) {
@@ -157,14 +182,6 @@ pub fn write_whole(
             io::copy(&mut whole, &mut stdout)?;
             stdout.flush()
         }
-    }
-}
-
-/// Removes all unfinished files; for a process that is about to end.
-pub fn remove_unfinished() {
-    for path in lock(&UNFINISHED).iter() {
-        // A file that cannot be removed is left.
-        let _ = fs::remove_file(path);
     }
 }
 
@@ -307,12 +324,12 @@ fn replace(
     fs::create_dir_all(folder).map_err(|error| folder_error(folder, &error))?;
     let unfinished =
         Unfinished::create_next_to(path).map_err(|error| folder_error(folder, &error))?;
-    write_buffered(&unfinished.file, write)?;
+    write_buffered(unfinished.file(), write)?;
     if let Some(permissions) = permissions {
-        unfinished.file.set_permissions(permissions)?;
+        unfinished.file().set_permissions(permissions)?;
     }
-    unfinished.file.sync_all()?;
-    fs::rename(&unfinished.path, path)
+    unfinished.file().sync_all()?;
+    fs::rename(unfinished.path(), path)
 }
 
 fn write_buffered(
@@ -327,50 +344,8 @@ fn write_buffered(
 /// Writes a complete result to an unnamed temporary file, positioned at its beginning.
 fn spool(write: impl FnOnce(&mut BufWriter<&File>) -> io::Result<()>) -> io::Result<File> {
     let unfinished = Unfinished::create_next_to(&std::env::temp_dir().join("stream"))?;
-    write_buffered(&unfinished.file, write)?;
-    let mut file = unfinished.file.try_clone()?;
+    write_buffered(unfinished.file(), write)?;
+    let mut file = unfinished.file().try_clone()?;
     file.rewind()?;
     Ok(file)
-}
-
-/// Temporary file, removed when this is dropped unless it has been renamed by then.
-struct Unfinished {
-    path: PathBuf,
-    file: File,
-}
-
-impl Unfinished {
-    /// Creates a temporary file in the folder of `path`.
-    fn create_next_to(path: &Path) -> io::Result<Self> {
-        static COUNT: AtomicU64 = AtomicU64::new(0);
-        loop {
-            let number = COUNT.fetch_add(1, Ordering::Relaxed);
-            let path =
-                parent_folder(path).join(format!(".headbox-{}-{number}.part", std::process::id()));
-            // Locked while the file is created: an interrupt finds either no file or its name.
-            let mut unfinished = lock(&UNFINISHED);
-            match OpenOptions::new()
-                .read(true)
-                .write(true)
-                .create_new(true)
-                .open(&path)
-            {
-                Ok(file) => {
-                    unfinished.insert(path.clone());
-                    return Ok(Self { path, file });
-                }
-                // Left behind by a killed process with the same number.
-                Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
-                Err(error) => return Err(error),
-            }
-        }
-    }
-}
-
-impl Drop for Unfinished {
-    fn drop(&mut self) {
-        lock(&UNFINISHED).remove(&self.path);
-        // A renamed file no longer exists, and the first error is the one to report.
-        let _ = fs::remove_file(&self.path);
-    }
 }

@@ -16,10 +16,14 @@ pub use registration::register;
 
 use glam::{DMat3, DVec3};
 use headbox_core::container::FileError;
+use headbox_core::files;
 use headbox_images::{Pose, View};
 use std::hash::{DefaultHasher, Hasher};
 use std::io;
 use std::path::{Path, PathBuf};
+
+/// Name of the folder of all caches.
+const PROGRAM: &str = "headbox";
 
 /// Name of the folder with the results about image sets.
 pub const IMAGES: &str = "images";
@@ -32,7 +36,7 @@ pub fn folder(name: &str) -> Option<PathBuf> {
             .filter(|path| path.is_absolute())
     };
     let caches = absolute("XDG_CACHE_HOME").or_else(|| Some(absolute("HOME")?.join(".cache")))?;
-    Some(caches.join("headbox").join(name))
+    Some(caches.join(PROGRAM).join(name))
 }
 
 /// Returns a file name: 128 bits of a digest of everything that `feed` writes, and an extension.
@@ -111,6 +115,21 @@ pub struct CacheOrigin {
     pub note: Option<String>,
 }
 
+/// Returns the path of a cached file, or a note if a symbolic link leads to it, which is not
+/// followed.
+pub fn refuse_links(file: Option<PathBuf>) -> (Option<PathBuf>, Option<String>) {
+    let Some(file) = file else {
+        return (None, None);
+    };
+    let folder = file.parent().unwrap_or(Path::new(""));
+    // The folder of all caches is ours, too.
+    let above = folder.parent().filter(|above| above.ends_with(PROGRAM));
+    match files::refuse_links(above.unwrap_or(folder), &file) {
+        Ok(()) => (Some(file), None),
+        Err(link) => (None, Some(format!("the cache is not used: {link}"))),
+    }
+}
+
 /// Reads a cached file with `open`; if it is absent or damaged, calls `make` and writes the result.
 fn read_or_make<T, E>(
     folder: Option<&Path>,
@@ -119,10 +138,10 @@ fn read_or_make<T, E>(
     make: impl FnOnce() -> Result<T, E>,
     write: impl FnOnce(&Path, &T) -> Result<(), FileError>,
 ) -> Result<(T, CacheOrigin), E> {
-    let file = folder.zip(name).map(|(folder, name)| folder.join(name));
+    let (file, link) = refuse_links(folder.zip(name).map(|(folder, name)| folder.join(name)));
     let (kept, note) = file
         .as_deref()
-        .map_or((None, None), |file| read(file, open));
+        .map_or((None, link), |file| read(file, open));
     if let Some(kept) = kept {
         // It was read; failing to mark it as used does no harm.
         let _ = file.as_deref().map(FileLock::of);

@@ -141,9 +141,10 @@ impl ViewGeometry {
         let file = cache
             .as_ref()
             .and_then(|folder| sample_cache::path(folder, &views, grid, origin));
+        let (file, link) = cache::refuse_links(file);
         let read_cached = || match &file {
             Some(file) => cache::read(file, |file| sample_cache::open(file, views.len())),
-            None => (None, None),
+            None => (None, link.clone()),
         };
         let pictures = PictureStore::new(views.clone(), resources.budget);
         let (known, note) = read_cached();
@@ -168,7 +169,7 @@ impl ViewGeometry {
             file.clone(),
         ));
         let in_use = file.as_deref().and_then(|file| FileLock::of(file).ok());
-        if let Some(folder) = cache {
+        if let Some(folder) = cache.as_ref().filter(|_| file.is_some()) {
             cache::evict_to(folder, cache::MOST_BYTES);
         }
         Ok(Self {

@@ -2,6 +2,7 @@
 
 use crate::playback::export;
 use crate::source::Thumbnail;
+use headbox_core::files;
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -66,7 +67,9 @@ impl ThumbnailCache {
     }
 
     fn path(&self, key: &str) -> Option<PathBuf> {
-        Some(self.folder.as_ref()?.join(file_name(key)))
+        let folder = self.folder.as_ref()?;
+        let path = folder.join(file_name(key));
+        files::refuse_links(folder, &path).ok().map(|()| path)
     }
 
     /// Removes our least recently used files until no more than `max_bytes` are left.

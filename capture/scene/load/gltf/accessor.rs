@@ -4,8 +4,8 @@
 //! damaged files (an attribute with a missing accessor, a count of 0), and reject files that lack
 //! redundant data only.
 
+use super::super::named_files::find_file;
 use super::super::notes::{Note, Notes};
-use super::super::textures::find_file;
 use super::draco::{CompressedPrimitive, Values};
 use super::meshopt::CompressedView;
 use super::raw_json::{RawJson, RawPrimitive};
@@ -14,10 +14,10 @@ use crate::load::gltf::uri;
 use gltf::json::accessor::{Accessor, ComponentType, Type};
 use gltf::json::validation::Checked;
 use gltf::json::{Index, Root, buffer};
+use headbox_core::files::InputFolder;
 use headbox_core::memory::{self, OverBudget};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
-use std::path::Path;
 use std::sync::OnceLock;
 
 /// Maximum number of entries of an accessor without a buffer view (zeros, except for sparse
@@ -42,7 +42,7 @@ impl<'a> Buffers<'a> {
         root: &'a Root,
         raw: &RawJson,
         blob: Option<Vec<u8>>,
-        folder: &Path,
+        folder: &InputFolder,
         notes: &mut Notes,
     ) -> Self {
         let mut blob = blob;
@@ -58,15 +58,15 @@ impl<'a> Buffers<'a> {
                 Some(uri) => match uri::resolve(uri) {
                     UriTarget::Data(bytes) => (format!("buffer {index}"), bytes),
                     UriTarget::File(file) => {
-                        let bytes = match find_file(&file, &[folder]) {
-                            Some(found) => {
+                        let bytes = match find_file(&file, folder.path(), folder) {
+                            Ok(found) => {
                                 notes.add_file(&found.path);
                                 memory::read_file(&found.path).map_err(|cause| {
                                     notes.add_if_over_budget(&file, &cause);
                                     cause.to_string()
                                 })
                             }
-                            None => Err("no such file".into()),
+                            Err(cause) => Err(cause),
                         };
                         (file, bytes)
                     }

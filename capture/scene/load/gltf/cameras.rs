@@ -8,6 +8,7 @@ use ::gltf::json::Root;
 use ::gltf::json::animation::{Animation, Interpolation, Property};
 use ::gltf::json::validation::Checked;
 use glam::{DAffine3, DQuat, DVec3, DVec4};
+use headbox_core::files::InputFolder;
 use std::path::Path;
 
 /// A camera at one time: metres, Y up.
@@ -33,7 +34,8 @@ pub(crate) fn read(path: &Path, bytes: &[u8], fps: f64) -> Result<Vec<GltfCamera
     let malformed = |cause: String| LoadError::malformed(path, cause);
     let (root, transforms, blob) = parse(path, bytes)?;
     let mut notes = Notes::default();
-    let buffers = Buffers::read(&root, &transforms, blob, folder_of(path), &mut notes);
+    let folder = InputFolder::new(folder_of(path));
+    let buffers = Buffers::read(&root, &transforms, blob, &folder, &mut notes);
     let rig = Rig::new(&root, transforms);
     let cameras: Vec<usize> = (0..root.nodes.len())
         .filter(|node| rig.lens(*node).is_some())

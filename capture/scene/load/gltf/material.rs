@@ -3,7 +3,6 @@
 //! Alpha is the factor times that of the texture times that of the vertices: below the threshold
 //! there is a hole.
 
-use super::super::folder_of;
 use super::super::notes::{Note, Notes};
 use super::super::textures::{DecodedTextures, Handle, Role, Slot, TextureTable, TextureUse};
 use super::accessor::Buffers;
@@ -16,7 +15,7 @@ use gltf::json::material::AlphaMode;
 use gltf::json::mesh::Semantic;
 use gltf::json::validation::Checked;
 use gltf::json::{Root, texture};
-use std::path::Path;
+use headbox_core::files::InputFolder;
 
 /// Least opacity of a visible surface: clear glass and holes of blended textures have less.
 const BLEND_THRESHOLD: f32 = 0.5;
@@ -57,7 +56,7 @@ impl GltfMaterials {
         root: &Root,
         raw: &RawJson,
         buffers: &Buffers,
-        path: &Path,
+        scene: &InputFolder,
         notes: &mut Notes,
     ) -> Self {
         let mut used = vec![false; root.materials.len() + 1];
@@ -72,7 +71,7 @@ impl GltfMaterials {
         let mut set = TextureTable::default();
         let mut request = |info: Option<&texture::Info>, used: bool| {
             info.filter(|_| used)
-                .map(|info| request_texture(root, raw, buffers, info, path, &mut set, notes))
+                .map(|info| request_texture(root, raw, buffers, info, scene, &mut set, notes))
         };
         let handles: Vec<_> = all()
             .map(|(m, &used)| {
@@ -225,7 +224,7 @@ fn request_texture(
     raw: &RawJson,
     buffers: &Buffers,
     info: &texture::Info,
-    path: &Path,
+    scene: &InputFolder,
     set: &mut TextureTable,
     notes: &mut Notes,
 ) -> Handle {
@@ -257,7 +256,7 @@ fn request_texture(
         },
         (None, Some(UriTarget::Data(bytes))) => bytes.as_deref().map_err(Clone::clone),
         (None, Some(UriTarget::File(file))) => {
-            return set.file(file, &[folder_of(path)], texture_use, notes);
+            return set.file(file, scene.path(), scene, texture_use, notes);
         }
         (None, None) => Err("it has neither bytes nor a name".into()),
     };

@@ -26,6 +26,7 @@ use ::gltf::json::{Node, Root};
 use accessor::Buffers;
 use glam::DAffine3;
 use headbox_core::file_frame::FileFrame;
+use headbox_core::files::InputFolder;
 use instances::instance_transforms;
 use material::GltfMaterials;
 use pose::Pose;
@@ -135,8 +136,9 @@ pub(super) fn load(
             return Err(LoadError::malformed(path, unsupported_message(required)));
         }
     }
-    let buffers = Buffers::read(&root, &raw, blob, folder_of(path), &mut notes);
-    let surfaces = GltfMaterials::read(&root, &raw, &buffers, path, &mut notes);
+    let folder = InputFolder::new(folder_of(path));
+    let buffers = Buffers::read(&root, &raw, blob, &folder, &mut notes);
+    let surfaces = GltfMaterials::read(&root, &raw, &buffers, &folder, &mut notes);
     let mut builder = Builder::new(frame, notes);
     push_nodes(&root, &raw, &buffers, &surfaces, &mut builder, groups)
         .map_err(|error| error.in_file(path))?;

@@ -24,6 +24,7 @@ use crate::material::Material;
 use crate::scene::Vertex;
 use glam::{DVec3, Vec2, Vec3};
 use headbox_core::color::linear_from_srgb;
+use headbox_core::files::InputFolder;
 use header::{Element, Header};
 use records::{Record, Records};
 use std::path::Path;
@@ -46,12 +47,13 @@ pub(super) fn load(
     let mut notes = Notes::default();
     let mesh = Mesh::read(bytes, &header, &mut notes).map_err(malformed)?;
 
+    let scene = InputFolder::new(folder_of(path));
     let mut table = TextureTable::default();
     let handles: Vec<_> = header
         .textures
         .iter()
         .filter(|_| mesh.has_texcoords())
-        .map(|name| table.file(name, &[folder_of(path)], Role::Color.into(), &mut notes))
+        .map(|name| table.file(name, scene.path(), &scene, Role::Color.into(), &mut notes))
         .collect();
     if !header.textures.is_empty() && handles.is_empty() {
         notes.add(Note::TextureWithoutCoordinates, header.textures.len());

@@ -131,6 +131,9 @@ impl Drop for CopiedFolder {
     }
 }
 
+/// Files of a set with estimated depth.
+const DEPTH_SET: [&str; 2] = ["transforms.json", "headbox-depth/index.json"];
+
 /// Writes a copy of a set without lens distortion and without depth. Returns the copy, its original
 /// views and its folder.
 fn copy_set(
@@ -139,6 +142,13 @@ fn copy_set(
     args: &SetArgs,
     bar: &Bar,
 ) -> anyhow::Result<(ImageSet, Vec<View>, CopiedFolder)> {
+    if DEPTH_SET.iter().all(|name| output.join(name).exists()) {
+        let output = output.display();
+        bail!(
+            "{output}: already holds a set with estimated depth; use it (headbox images {output}), \
+             estimate its depth again (headbox images {output} --depth), or give another folder"
+        );
+    }
     if std::fs::read_dir(output).is_ok_and(|mut entries| entries.next().is_some()) {
         bail!(
             "{}: is not empty; give a new folder for the set",

@@ -9,7 +9,7 @@ use crate::commands::render::geometry::GeometryArgs;
 use crate::commands::report::images as images_report;
 use crate::image_set::SetArgs;
 use crate::messages::UsageError;
-use crate::output::{NO_INPUTS, Outputs, PAGE, write_text};
+use crate::output::{NO_INPUTS, Outputs, PAGE, print_notes, write_text};
 use crate::progress::{Bar, PlannedStage};
 use anyhow::{Context, bail};
 use clap::Args;
@@ -201,13 +201,18 @@ impl ReportCommand {
         let output = self.output_or("headbox-report");
         let inputs = self.subjects.iter().map(|subject| Path::new(&subject.name));
         let outputs = Outputs::new(false, inputs).folder(output)?;
-        let cache = self
+        let mut cache = self
             .cache
             .clone()
             .or_else(|| cache::folder("truth"))
             .unwrap_or_else(|| output.join("truth"));
         std::fs::create_dir_all(&cache)
             .with_context(|| format!("{} could not be made", cache.display()))?;
+        if self.cache.is_some() {
+            // A link that the user names is followed.
+            cache = cache.canonicalize()?;
+        }
+        print_notes(cache::refuse_links(Some(cache.join("truth"))).1);
         let mut report = Report {
             version: Report::VERSION,
             machine: Machine::here(),
