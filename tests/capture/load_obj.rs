@@ -14,9 +14,10 @@ fn obj(text: &str) -> Result<Scene, String> {
     folder.load("a.obj")
 }
 
-/// Loads an OBJ and returns its notes.
+/// Loads an OBJ and returns its notes as they are displayed.
 fn notes(text: &str) -> Vec<String> {
-    obj(text).expect("survives").summary.notes
+    let notes = obj(text).expect("survives").summary.notes;
+    notes.iter().map(ToString::to_string).collect()
 }
 
 /// Loads [`TRIANGLE`] with `m.mtl` and images.

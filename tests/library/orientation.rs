@@ -155,7 +155,7 @@ fn box_text([x, y, z]: [f64; 3], names: [&str; 6]) -> String {
 fn box_of_room_size_is_in_centimetres() {
     let (frame, notes) = guess(&box_text([400.0, 270.0, 500.0], [""; 6]));
     assert_eq!(frame, y_up(0.01), "{notes:?}");
-    let is_height = |note: &String| note.contains("0.01 m, which makes the scene 2.7 m high");
+    let is_height = |note: &ReadNote| note.contains("0.01 m, which makes the scene 2.7 m high");
     assert!(notes.iter().any(is_height), "{notes:?}");
 }
 
@@ -164,7 +164,7 @@ fn cube_without_evidence_is_y_up_with_note() {
     let cube = box_text([3.0; 3], [""; 6]);
     let (frame, notes) = guess(&cube);
     assert_eq!(frame, Y_M);
-    let is_doubt = |note: &String| note.contains("Y is taken as up") && note.contains("--up z");
+    let is_doubt = |note: &ReadNote| note.contains("Y is taken as up") && note.contains("--up z");
     assert!(notes.iter().any(is_doubt), "{notes:?}");
     let (_, notes) = guess(&format!("# Y up, metres\n{cube}"));
     assert!(!notes.iter().any(is_doubt), "{notes:?}");
@@ -255,7 +255,7 @@ fn open_room_far_from_origin_is_upright() {
     patch(&mut text, corner + z * 0.33, [x, y * 0.15]);
     let (frame, notes) = guess(&text);
     assert_eq!(frame, z_up(1.0), "{notes:?}");
-    let is_height = |note: &String| note.contains("27.0 m high") && note.contains("--unit cm");
+    let is_height = |note: &ReadNote| note.contains("27.0 m high") && note.contains("--unit cm");
     assert!(notes.iter().any(is_height), "{notes:?}");
 }
 

@@ -43,7 +43,8 @@ fn mutate_archive(original: &[u8], rng: &mut MutationRng) -> Vec<u8> {
         let mut entry = archive.by_index(i).expect("an entry");
         let mut content = Vec::new();
         entry.read_to_end(&mut content).expect("read");
-        files.push((entry.name().to_owned(), content));
+        let name = entry.name().expect("UTF-8").into_owned();
+        files.push((name, content));
     }
     let which = rng.below(files.len());
     mutate(&mut files[which].1, rng);

@@ -219,7 +219,7 @@ fn ktx2_textures() {
 
 /// The text in UTF-16 with a byte order mark.
 fn utf16(text: &str) -> Vec<u8> {
-    let units = std::iter::once('\u{feff}'.into()).chain(text.encode_utf16());
+    let units = std::iter::once(0xfeff).chain(text.encode_utf16());
     units.flat_map(u16::to_le_bytes).collect()
 }
 

@@ -157,7 +157,14 @@ fn strict_reading_of_images_refuses_losses() {
     }
     for command in [
         &["images", "set", "--json"][..],
-        &["capture", "set", "-o", "a.ldi", "--json"],
+        &[
+            "capture",
+            "set",
+            "-o",
+            "a.ldi",
+            "--json",
+            "--no-registration",
+        ],
         &["info", "set", "--json"],
     ] {
         let notes = json(folder, command)["notes"].to_string();

@@ -193,7 +193,7 @@ pub(crate) fn attach(set: &mut ImageSet) -> Result<(), ImagesError> {
     let folder = set.folder.join(FOLDER);
     if let Err(link) = files::refuse_links(&folder, &folder.join(INDEX)) {
         let note = format!("estimated depth is not used: {link}");
-        set.notes.push(note);
+        set.notes.push(note.into());
         return Ok(());
     }
     let Some(index) = read_index(&folder)? else {
