@@ -125,7 +125,7 @@ pub fn run_command(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
         Ok(cli) => cli,
         Err(error) if error.use_stderr() => error.exit(),
         Err(help) => {
-            return match help.print() {
+            return match output::check_stdout().and_then(|()| help.print()) {
                 Ok(()) => output::flush(),
                 Err(error) => output::report_failure(&error),
             };

@@ -17,6 +17,27 @@ use std::sync::atomic::{AtomicBool, Ordering};
 /// True if standard output carries a file (`-o -`): messages then go to standard error.
 static STDOUT_IS_OUTPUT: AtomicBool = AtomicBool::new(false);
 
+/// True if standard output was closed when the process began.
+static STDOUT_WAS_CLOSED: AtomicBool = AtomicBool::new(false);
+
+/// Tests whether standard output is closed, before `main`: Rust's runtime then opens the null
+/// device in its place, and all output would be lost without an error.
+#[cfg(unix)]
+#[ctor::ctor(unsafe)]
+fn test_stdout() {
+    use std::os::fd::AsFd;
+    let copy = std::io::stdout().as_fd().try_clone_to_owned();
+    STDOUT_WAS_CLOSED.store(copy.is_err(), Ordering::Relaxed);
+}
+
+/// Returns an error if standard output is closed.
+pub(super) fn check_stdout() -> std::io::Result<()> {
+    if STDOUT_WAS_CLOSED.load(Ordering::Relaxed) {
+        return Err(std::io::Error::other("it is closed"));
+    }
+    Ok(())
+}
+
 /// Prints one JSON object on standard output.
 pub(super) fn print_json(value: &serde_json::Value) {
     println!("{value:#}");
@@ -33,7 +54,7 @@ pub(super) fn print_text(text: std::fmt::Arguments<'_>) {
 
 /// Writes to standard output. Ends the program if that fails.
 pub(super) fn print_bytes(bytes: &[u8]) {
-    if let Err(error) = std::io::stdout().write_all(bytes) {
+    if let Err(error) = check_stdout().and_then(|()| std::io::stdout().write_all(bytes)) {
         report_failure(&error);
         files::remove_unfinished();
         std::process::exit(FAILURE.into());
@@ -199,6 +220,7 @@ impl Outputs {
             if self.json {
                 bail_usage!("-o - and --json both write to standard output; leave one out");
             }
+            check_stdout().map_err(|error| cannot_write(path, error))?;
             STDOUT_IS_OUTPUT.store(true, Ordering::Relaxed);
         } else if !files::is_stream(path)? {
             kind.check_extension(path)?;

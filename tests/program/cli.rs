@@ -582,7 +582,7 @@ fn closed_pipe_ends_program_quietly() {
             output.status.code(),
             String::from_utf8_lossy(&output.stderr).as_ref()
         ),
-        (Some(0), "")
+        (Some(1), "")
     );
 }
 

@@ -41,6 +41,26 @@ fn closed_pipe_is_a_quiet_failure() {
     }
 }
 
+#[test]
+fn closed_output_is_reported() {
+    let dir = tempfile::tempdir().unwrap();
+    let export = ["truth", "builtin:bump", "-o", "-"];
+    for arguments in WRITERS.into_iter().chain([&export[..]]) {
+        let output = Command::new("sh")
+            .args([
+                "-c",
+                "exec \"$0\" \"$@\" >&-",
+                env!("CARGO_BIN_EXE_headbox"),
+            ])
+            .args(arguments)
+            .current_dir(dir.path())
+            .output();
+        let message = failed(output.unwrap());
+        let expected = "standard output cannot be written: it is closed";
+        assert!(message.contains(expected), "{arguments:?}: {message}");
+    }
+}
+
 #[cfg(target_os = "linux")]
 #[test]
 fn full_device_is_reported() {
@@ -59,7 +79,7 @@ fn full_device_is_reported() {
 #[test]
 fn limit_of_file_size_is_reported() {
     let dir = tempfile::tempdir().unwrap();
-    let limited = "ulimit -f 1; exec \"$0\" scenes --export interior room.obj";
+    let limited = "ulimit -f 1; exec \"$0\" truth builtin:bump -o o.bmp --size 64x64 --samples 1";
     let output = Command::new("sh")
         .args(["-c", limited, env!("CARGO_BIN_EXE_headbox")])
         .current_dir(dir.path())
