@@ -286,7 +286,12 @@ fn exports_meet_their_budgets() {
             "give a number of triangles, at least 2",
         ),
         ("x.ply", "--mb", "0", "give MB above 0"),
-        ("x.glb", "--gaussians", "9", "--gaussians is for .ply files"),
+        (
+            "x.exr",
+            "--gaussians",
+            "9",
+            "--gaussians is for .glb and .ply files",
+        ),
         ("x.html", "--mb", "9", "--mb is for .glb and .ply files"),
     ] {
         fails(

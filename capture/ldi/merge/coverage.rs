@@ -322,7 +322,7 @@ mod tests {
     fn covered_shares(scene: Scene) -> [f64; 2] {
         let spec = CaptureSpec {
             face_size_px: SIZE,
-            parameters: CaptureParameters::unlit(16, 16),
+            parameters: CaptureParameters::unlit(32, 64),
             ..CaptureSpec::new(SceneSource::new("test"), DVec3::ZERO, 0.3)
         };
         let tracer = Tracer::new(Arc::new(scene), spec.centre);
@@ -355,22 +355,23 @@ mod tests {
         [captured, met].map(|sum| sum / (MIDDLE.len() as f64).powi(2))
     }
 
+    /// Without the rays through each pixel, these are 1.3 to 2.5 times the shares that rays meet.
+    /// Pixels that no ray of the capture met are missing, hence many rays here.
     #[test]
     fn triangles_smaller_than_a_pixel_cover_what_rays_meet() {
+        const TOLERANCE: f64 = 0.05;
         for (count, size_m, depth_m) in [
-            (1000, 0.3, 4.0),
             (4000, 0.3, 4.0),
             (12_000, 0.3, 4.0),
             (12_000, 0.3, 0.0),
-            (60_000, 0.3, 4.0),
             (40_000, 0.1, 0.0),
             (2000, 0.6, 4.0),
             (2000, 0.6, 0.0),
         ] {
             let [captured, met] = covered_shares(cloud(count, size_m, depth_m));
-            eprintln!(
-                "{count} of {size_m} m: {captured:.4} instead of {met:.4}: {}",
-                captured / met
+            assert!(
+                (captured / met - 1.0).abs() < TOLERANCE,
+                "{count} of {size_m} m, {depth_m} m deep: {captured:.4} instead of {met:.4}"
             );
         }
     }
