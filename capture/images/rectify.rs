@@ -354,7 +354,7 @@ mod tests {
         View::new("0.png".into(), size_px, lens, pose, color, Some(depth))
     }
 
-    fn rectified(focal: f64, size_px: [u32; 2]) -> (Vec<View>, Vec<String>, CameraModel) {
+    fn rectified(focal: f64, size_px: [u32; 2]) -> (Vec<View>, Vec<ReadNote>, CameraModel) {
         let folder = tempfile::tempdir().expect("a folder");
         let model = fisheye(focal, size_px);
         let mut list = ViewList::default();

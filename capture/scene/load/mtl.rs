@@ -265,8 +265,9 @@ fn take_numbers<const N: usize>(rest: &mut &str, mut numbers: [f32; N]) -> [f32;
 #[cfg(test)]
 mod tests {
     use super::*;
+    use headbox_core::read_note::ReadNote;
 
-    fn parsed(text: &str) -> (Vec<MtlMaterial>, Vec<String>) {
+    fn parsed(text: &str) -> (Vec<MtlMaterial>, Vec<ReadNote>) {
         let (mut materials, mut notes) = (Vec::new(), Notes::default());
         parse(
             text,
