@@ -175,10 +175,8 @@ fn read_exr(path: &Path) -> Result<ColorPicture, ImagesError> {
         ))
     })?;
     let channels: Vec<_> = found.into_iter().flatten().collect();
+    let _memory = parts.reserve(channels[0], 16).map_err(failed)?;
     let [width, height] = parts.size_px(channels[0]);
-    if u64::from(width) * u64::from(height) > MAX_PIXELS {
-        return Err(bad(format!("has more than {MAX_PIXELS} pixels")));
-    }
     let stride = width as usize;
     let mut light = vec![[0.0, 0.0, 0.0, 1.0]; stride * height as usize];
     let decoded = parts.decode(path, &channels, &mut |channel, [x, y], row| {

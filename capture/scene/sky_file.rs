@@ -1,7 +1,8 @@
 //! Reader of the texels of a sky: `.hdr` of Radiance and `.exr`.
 
-use headbox_core::image::codec::{self, MAX_PIXELS};
+use headbox_core::image::codec;
 use headbox_core::image::exr_channels::ExrParts;
+use headbox_core::memory;
 use std::path::Path;
 
 /// Largest half float.
@@ -49,7 +50,7 @@ type Texels = ([u32; 2], Vec<[f32; 3]>);
 
 /// Reads a Radiance picture, whose header may state factors that its texels were multiplied by.
 pub(super) fn read_hdr(path: &Path) -> Result<Texels, String> {
-    let bytes = std::fs::read(path).map_err(|error| error.to_string())?;
+    let bytes = memory::read_file(path).map_err(|error| error.to_string())?;
     let picture = codec::decode(&bytes, Some(path), codec::MAX_BYTES)
         .map_err(|error| error.to_string())?
         .image
@@ -107,12 +108,8 @@ pub(super) fn read_exr(path: &Path) -> Result<Texels, String> {
             parts.describe()
         ));
     };
+    let _memory = parts.reserve(r, 12).map_err(|error| error.to_string())?;
     let [width, height] = parts.size_px(r);
-    if u64::from(width) * u64::from(height) > MAX_PIXELS {
-        return Err(format!(
-            "{width}x{height} pixels, more than {MAX_PIXELS} in all"
-        ));
-    }
     let stride = width as usize;
     let mut texels = vec![[0f32; 3]; stride * height as usize];
     let decoded = parts.decode(path, &[r, g, b], &mut |channel, [x, y], row| {

@@ -51,6 +51,17 @@ impl Drop for Reservation {
     }
 }
 
+impl Reservation {
+    /// Bytes that its decoder may allocate: these, and what is left of the budget.
+    #[must_use]
+    pub fn allowed(&self) -> u64 {
+        let used = RESERVED
+            .load(Ordering::Relaxed)
+            .saturating_add(resident().unwrap_or(0));
+        self.0.saturating_add(limit().saturating_sub(used))
+    }
+}
+
 /// Sets the limit of the process's memory while input files are decoded, bytes. Without this call
 /// it is the resident memory at the first reservation and half of the memory that is free then.
 pub fn set_limit(bytes: u64) {
@@ -69,14 +80,7 @@ pub fn reserve(bytes: u64) -> Result<Reservation, OverBudget> {
     if bytes <= ALWAYS {
         return Ok(reservation);
     }
-    let limit = match LIMIT.load(Ordering::Relaxed) {
-        0 => {
-            let limit = default_limit();
-            LIMIT.store(limit, Ordering::Relaxed);
-            limit
-        }
-        limit => limit,
-    };
+    let limit = limit();
     let used = others.saturating_add(resident().unwrap_or(0));
     let left = limit.saturating_sub(used);
     if bytes > left {
@@ -109,6 +113,18 @@ fn resident() -> Option<u64> {
     peak_and_resident().map(|[_, resident]| resident)
 }
 
+/// Returns the limit; the first call determines it if none was set.
+fn limit() -> u64 {
+    match LIMIT.load(Ordering::Relaxed) {
+        0 => {
+            let limit = default_limit();
+            LIMIT.store(limit, Ordering::Relaxed);
+            limit
+        }
+        limit => limit,
+    }
+}
+
 fn default_limit() -> u64 {
     let free = std::fs::read_to_string("/proc/meminfo").ok();
     let free = free.and_then(|text| kib_field(&text, "MemAvailable:"));
@@ -134,6 +150,8 @@ mod tests {
         let error = reserve(most / 2).expect_err("resident memory is used, too");
         assert!(error.left < most / 2 && error.limit == most, "{error:?}");
         assert!(error.to_string().contains("--memory"), "{error}");
+        let allowed = half.allowed();
+        assert!(allowed > most / 2 && allowed < most, "{allowed}");
         drop(half);
         let _again = reserve(most / 2).expect("the first half is free again");
         set_limit(1);

@@ -157,13 +157,17 @@ fn decode_pixels(
         let mut limits = Limits::default();
         limits.max_alloc = Some(most_bytes);
         reader.limits(limits);
-        let decoder = reader.into_decoder()?;
+        let mut decoder = reader.into_decoder()?;
         let (width, height) = decoder.dimensions();
         let pixels = u64::from(width) * u64::from(height);
         if pixels > MAX_PIXELS {
             return Err(PictureError::TooLarge { width, height });
         }
         let memory = memory::reserve(decoder.total_bytes() + 4 * pixels)?;
+        // A frame of a GIF may be larger than the image.
+        let mut limits = Limits::default();
+        limits.max_alloc = Some(most_bytes.min(memory.allowed()));
+        decoder.set_limits(limits)?;
         Ok((DynamicImage::from_decoder(decoder)?, memory))
     };
     panics::catch(decode).unwrap_or_else(|panic| Err(PictureError::Malformed(panic)))

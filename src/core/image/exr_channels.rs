@@ -5,6 +5,7 @@
 //! Deep parts are left out; `headbox-images` reads them.
 
 use super::codec::{self, MAX_PIXELS, PictureError};
+use crate::memory::{self, Reservation};
 use exr::block;
 use exr::block::reader::ChunksReader;
 use exr::meta::MetaData;
@@ -239,6 +240,23 @@ impl ExrParts {
         Some(ExrChannel { part, channel })
     }
 
+    /// Reserves memory for the pixels of a channel's part.
+    ///
+    /// # Errors
+    /// [`PictureError`] if it has more than [`MAX_PIXELS`], or they do not fit the budget.
+    pub fn reserve(
+        &self,
+        of: ExrChannel,
+        bytes_per_pixel: u64,
+    ) -> Result<Reservation, PictureError> {
+        let [width, height] = self.size_px(of);
+        let pixels = u64::from(width) * u64::from(height);
+        if pixels > MAX_PIXELS {
+            return Err(PictureError::TooLarge { width, height });
+        }
+        Ok(memory::reserve(bytes_per_pixel * pixels)?)
+    }
+
     /// Decodes channels of one part. `on_row` gets the position of a channel in `channels`, the
     /// column and the row of the first sample, and samples of that row.
     ///
@@ -311,10 +329,8 @@ impl ExrParts {
     /// # Errors
     /// See [`Self::decode`].
     pub fn decode_one(&self, path: &Path, channel: ExrChannel) -> Result<Vec<f32>, PictureError> {
+        let _memory = self.reserve(channel, 4)?;
         let [width, height] = self.size_px(channel);
-        if u64::from(width) * u64::from(height) > MAX_PIXELS {
-            return Err(PictureError::TooLarge { width, height });
-        }
         let width = width as usize;
         let mut samples = vec![0.0; width * height as usize];
         self.decode(path, &[channel], &mut |_, [x, y], row| {
