@@ -92,8 +92,8 @@ impl AlphaMeasure<'_> {
         rows.concat()
     }
 
-    /// Returns true if a ray through a pixel of the block at (`left`, `top`) passes the pixel's
-    /// nearest surface, which has no rim there.
+    /// Returns true if surfaces in the block at (`left`, `top`) are sparse: of one ray through each
+    /// pixel one passes the nearest surface where that has no rim, or more than half do.
     fn is_sparse_block(&self, left: u32, top: u32) -> bool {
         let size = self.face.size_px;
         let pixels = (0..BLOCK * BLOCK)
@@ -105,12 +105,30 @@ impl AlphaMeasure<'_> {
             rays.set(k, &self.ray([x, y], offset, self.range_from_headbox()));
         }
         let hits = self.tracer.closest_packet(&rays);
-        pixels.zip(hits.t).any(|([x, y], t)| {
-            let nearest = self.spans(x, y).last();
-            let is_passed = nearest.is_some_and(|span| self.bins.place(1.0 / t).0 < span[0]);
-            (is_passed || t.is_infinite())
-                && !self.face.pixel(x, y).iter().any(|it| self.is_rim(x, y, it))
-        })
+        let count = pixels.clone().count();
+        let passed: Vec<[u32; 2]> = pixels
+            .zip(hits.t)
+            .filter(|&([x, y], t)| self.passes_nearest(x, y, t))
+            .map(|(pixel, _)| pixel)
+            .collect();
+        let has_rim =
+            |&[x, y]: &[u32; 2]| self.face.pixel(x, y).iter().any(|it| self.is_rim(x, y, it));
+        2 * passed.len() > count || !passed.iter().all(has_rim)
+    }
+
+    /// Returns true if a ray through a pixel that ends at eye depth `t` passed the nearest surface:
+    /// it ends behind the surface's bins, and behind its tangent plane within the pixel.
+    fn passes_nearest(&self, x: u32, y: u32, t: f32) -> bool {
+        let (Some(sample), Some(span)) = (self.face.pixel(x, y).last(), self.spans(x, y).last())
+        else {
+            return false;
+        };
+        let [column, row] = [x, y].map(|pixel| f64::from(pixel) + 0.5);
+        let slope = self
+            .face
+            .inverse_depth_slope(column, row, sample, f64::INFINITY);
+        let farthest = f64::from(sample.inverse_depth) * (1.0 - slope.abs().element_sum());
+        t.is_infinite() || self.bins.place(1.0 / t).0 < span[0] && 1.0 / f64::from(t) < farthest
     }
 
     /// Appends the alphas of a pixel's samples.
@@ -129,7 +147,7 @@ impl AlphaMeasure<'_> {
         for i in (0..samples.len()).rev() {
             if reaching >= ENOUGH_RAYS || is_rim(&samples[i]) {
                 let share = if reaching >= ENOUGH_RAYS {
-                    count_or_half(visible_counts[i]) / f64::from(reaching)
+                    ray_weight(visible_counts[i], is_sparse) / f64::from(reaching)
                 } else {
                     self.filled_share(x, y, packets, spans[i])
                 };
@@ -194,7 +212,7 @@ impl AlphaMeasure<'_> {
             self.tracer.occluded_packet(&rays).count_ones()
         };
         let hits: u32 = (0..packets).map(count).sum();
-        count_or_half(hits) / (packets * PACKET) as f64
+        ray_weight(hits, packets > 1) / (packets * PACKET) as f64
     }
 
     /// Minimum and maximum inverse depth of a span.
@@ -254,9 +272,15 @@ impl AlphaMeasure<'_> {
     }
 }
 
-/// Returns a number of rays. No ray counts as half a ray, as rays from elsewhere met the surface.
-fn count_or_half(rays: u32) -> f64 {
-    f64::from(rays).max(0.5)
+/// Returns a number of rays as a weight. A sample that none of them meets has some weight, because
+/// rays from elsewhere met it. At rims all samples have half a ray more, because few rays miss some
+/// pixels of a rim altogether; sparse surfaces consist of rims and would become too dense.
+fn ray_weight(rays: u32, is_sparse: bool) -> f64 {
+    if is_sparse {
+        f64::from(rays).max(0.5)
+    } else {
+        f64::from(rays) + 0.5
+    }
 }
 
 /// Returns true if sample `i` is one of three or more that follow each other in depth with gaps of
