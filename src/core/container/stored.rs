@@ -24,7 +24,7 @@ impl StoredSection {
 
     /// Number of values in it; a partial one at the end is ignored.
     #[must_use]
-    pub fn len<T: bytemuck::Pod>(&self) -> usize {
+    pub fn count<T: bytemuck::Pod>(&self) -> usize {
         (self.bytes.end - self.bytes.start) as usize / size_of::<T>().max(1)
     }
 
@@ -33,7 +33,7 @@ impl StoredSection {
     /// # Errors
     /// If they are beyond its end, or cannot be read, for example from a file truncated meanwhile.
     pub fn values<T: bytemuck::Pod>(&self, range: Range<usize>) -> io::Result<Vec<T>> {
-        if range.start > range.end || range.end > self.len::<T>() {
+        if range.start > range.end || range.end > self.count::<T>() {
             return Err(io::ErrorKind::UnexpectedEof.into());
         }
         // Within the length of the file when it was opened, so no larger than that.

@@ -23,7 +23,7 @@ fn sections_round_trip() {
     file.section("empty").unwrap().end().unwrap();
     assert!(file.section("absent").is_err() && file.stored(["numbers", "absent"]).is_err());
     let [numbers, empty] = file.stored(["numbers", "empty"]).unwrap();
-    assert_eq!((numbers.len::<u32>(), numbers.len::<u64>()), (3, 1));
+    assert_eq!((numbers.count::<u32>(), numbers.count::<u64>()), (3, 1));
     assert_eq!(numbers.values::<u32>(1..3).unwrap(), [2, 3]);
     assert!(numbers.values::<u32>(1..4).is_err() && empty.values::<f32>(0..0).unwrap().is_empty());
     assert!(

@@ -114,7 +114,7 @@ pub(crate) fn open(path: &Path, views: usize) -> Result<Vec<RealCamera>, FileErr
     let probes: Vec<[[f32; MAX_PROBES]; 3]> = file.section("probes")?.array(cameras)?;
     let checksums: Vec<u32> = file.section("checksums")?.array(cameras)?;
     let axes = file.stored(AXES)?;
-    let available = axes.each_ref().map(|axis| axis.len::<f32>());
+    let available = axes.each_ref().map(|axis| axis.count::<f32>());
     let mut first = 0;
     let mut opened = Vec::with_capacity(cameras);
     for (((record, probes), counts), checksum) in records
