@@ -493,6 +493,9 @@ mod tests {
             );
         }
         let (notes, ..) = examined(1, 1000.0, false, &json!({"depth_scale": 5000}));
-        assert!(notes.contains("\"depth_scale\" is not a key"), "{notes}");
+        assert!(
+            notes.contains("\"depth_scale\" is an unknown key"),
+            "{notes}"
+        );
     }
 }

@@ -1,5 +1,10 @@
 //! Files that inputs name: where they are searched, and which are refused.
 
+#![expect(
+    clippy::unwrap_used,
+    reason = "in a test a panic is the failure report"
+)]
+
 use crate::run::{fails, headbox, json, succeeds};
 use std::fs::{create_dir_all, write};
 use std::path::Path;

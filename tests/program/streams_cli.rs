@@ -1,6 +1,10 @@
 //! Standard output that cannot be written, limits of file sizes, and what killed runs leave.
 
 #![cfg(unix)]
+#![expect(
+    clippy::unwrap_used,
+    reason = "in a test a panic is the failure report"
+)]
 
 use crate::run::succeeds;
 use std::fs::File;
