@@ -185,8 +185,8 @@ impl<S: Simd> Neighbours<S> {
         }
     }
 
-    /// Same as [`Self::new`] for a sampler that is not the default one, lane by lane.
-    #[inline(never)]
+    /// Same as [`Self::new`] for a sampler that is not the default one.
+    #[inline(always)]
     fn by_sampler(
         sampler: Sampler,
         axis: usize,
@@ -196,16 +196,33 @@ impl<S: Simd> Neighbours<S> {
     ) -> Self {
         let simd = t.simd;
         let size = (u32x16::splat(simd, size - 1) >> level) + 1;
-        let (sizes, t) = (size.to_array(), t.to_array());
-        let found: [_; LANES] =
-            std::array::from_fn(|lane| sampler.neighbours(axis, t[lane], sizes[lane]));
+        let (first, second, weight) =
+            neighbours_by_lane(sampler, axis, &t.to_array(), &size.to_array());
         Self {
             size,
-            first: u32x16::load_array(simd, found.map(|(first, ..)| first as u32)),
-            second: u32x16::load_array(simd, found.map(|(_, second, _)| second as u32)),
-            weight: f32x16::load_array(simd, found.map(|(.., weight)| weight)),
+            first: u32x16::load_array(simd, first),
+            second: u32x16::load_array(simd, second),
+            weight: f32x16::load_array(simd, weight),
         }
     }
+}
+
+/// Finds first and second neighbour and the weight of the second, lane by lane. It is not inlined,
+/// to keep rare samplers out of the kernel.
+#[inline(never)]
+fn neighbours_by_lane(
+    sampler: Sampler,
+    axis: usize,
+    t: &[f32; LANES],
+    sizes: &[u32; LANES],
+) -> ([u32; LANES], [u32; LANES], [f32; LANES]) {
+    let found: [_; LANES] =
+        std::array::from_fn(|lane| sampler.neighbours(axis, t[lane], sizes[lane]));
+    (
+        found.map(|(first, ..)| first as u32),
+        found.map(|(_, second, _)| second as u32),
+        found.map(|(.., weight)| weight),
+    )
 }
 
 /// Averages four texels in linear light.
