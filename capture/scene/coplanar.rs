@@ -86,67 +86,14 @@ pub struct CoplanarTriangles {
     shared: Vec<u64>,
     /// Number of bits that are set before each word of `shared`.
     shared_before: Vec<u32>,
-    conflicts: usize,
 }
 
 impl CoplanarTriangles {
     /// Finds the overlapping triangles of a scene. The result does not depend on the number of
     /// threads. Triangles with absent or infinite corners overlap none.
     pub fn find(scene: &Scene) -> Self {
-        let is_valid = |primitive: &u32| {
-            let vertices = scene.triangles[*primitive as usize].vertices;
-            let positions = vertices.map(|vertex| scene.positions.get(vertex as usize));
-            positions.iter().all(|p| p.is_some_and(|p| p.is_finite()))
-        };
-        let count = scene.triangles.len().min(u32::MAX as usize) as u32;
-        let [low, high] = (0..count)
-            .into_par_iter()
-            .filter(is_valid)
-            .flat_map_iter(|primitive| scene.corners(primitive))
-            .map(|corner| [corner, corner])
-            .reduce(
-                || [DVec3::INFINITY, DVec3::NEG_INFINITY],
-                |a, b| [a[0].min(b[0]), a[1].max(b[1])],
-            );
-        let planes = Planes {
-            scene,
-            middle: (low + high) / 2.0,
-            offset_cell: (high - low).max_element().max(f64::MIN_POSITIVE) * OFFSET_CELL_SHARE,
-        };
-        let mut keys: Vec<(u64, u32)> = (0..count)
-            .into_par_iter()
-            .filter(is_valid)
-            .fold(Vec::new, |mut keys, primitive| {
-                planes.push_keys(primitive, &mut keys);
-                keys
-            })
-            .reduce(Vec::new, |mut a, mut b| {
-                a.append(&mut b);
-                a
-            });
-        keys.par_sort_unstable();
-        let groups: Vec<&[(u64, u32)]> = keys
-            .chunk_by(|a, b| a.0 == b.0)
-            .filter(|group| group.len() > 1)
-            .collect();
-        let overlaps: Vec<Overlap> = groups
-            .par_iter()
-            .flat_map_iter(|group| planes.overlaps(group))
-            .collect();
-        let mut conflicts: Vec<u32> = overlaps
-            .iter()
-            .filter(|overlap| overlap.has_other_material)
-            .map(|overlap| overlap.primitive)
-            .collect();
-        conflicts.par_sort_unstable();
-        conflicts.dedup();
-        let mut pairs: Vec<(u32, bool, Reverse<u32>)> = overlaps
-            .iter()
-            .filter_map(|overlap| {
-                let (is_opposite, partner) = overlap.partner?;
-                Some((overlap.primitive, is_opposite, Reverse(partner)))
-            })
-            .collect();
+        let groups = Groups::new(scene);
+        let mut pairs = groups.search(find_partners);
         pairs.par_sort_unstable();
         pairs.dedup();
         let mut found = Self {
@@ -155,7 +102,6 @@ impl CoplanarTriangles {
             } else {
                 vec![0; scene.triangles.len().div_ceil(64)]
             },
-            conflicts: conflicts.len(),
             ..Self::default()
         };
         for run in pairs.chunk_by(|a, b| a.0 == b.0) {
@@ -189,11 +135,6 @@ impl CoplanarTriangles {
     /// Returns true if no triangle replaces another.
     pub fn is_empty(&self) -> bool {
         self.run_ends.is_empty()
-    }
-
-    /// Returns the number of triangles that overlap one of another material.
-    pub fn conflict_count(&self) -> usize {
-        self.conflicts
     }
 
     /// Returns true if another triangle may be met in place of this one.
@@ -263,20 +204,80 @@ fn hides_copy(scene: &Scene, primitive: u32, copy: u32) -> bool {
     material.is_some_and(|material| material.cutout.is_none() && !material.single_sided)
 }
 
+/// Returns the number of triangles of a scene that overlap one of another material in one plane.
+pub fn count_conflicts(scene: &Scene) -> usize {
+    let mut conflicts = Groups::new(scene).search(find_conflicts);
+    conflicts.par_sort_unstable();
+    conflicts.dedup();
+    conflicts.len()
+}
+
+/// Triangles of a scene in groups of about one plane each; a triangle may be in several groups.
+struct Groups<'a> {
+    planes: Planes<'a>,
+    /// Key of a group, and triangle; sorted.
+    keys: Vec<(u64, u32)>,
+}
+
+impl<'a> Groups<'a> {
+    fn new(scene: &'a Scene) -> Self {
+        let is_valid = |primitive: &u32| {
+            let vertices = scene.triangles[*primitive as usize].vertices;
+            let positions = vertices.map(|vertex| scene.positions.get(vertex as usize));
+            positions.iter().all(|p| p.is_some_and(|p| p.is_finite()))
+        };
+        let count = scene.triangles.len().min(u32::MAX as usize) as u32;
+        let [low, high] = (0..count)
+            .into_par_iter()
+            .filter(is_valid)
+            .flat_map_iter(|primitive| scene.corners(primitive))
+            .map(|corner| [corner, corner])
+            .reduce(
+                || [DVec3::INFINITY, DVec3::NEG_INFINITY],
+                |a, b| [a[0].min(b[0]), a[1].max(b[1])],
+            );
+        let planes = Planes {
+            scene,
+            middle: (low + high) / 2.0,
+            offset_cell: (high - low).max_element().max(f64::MIN_POSITIVE) * OFFSET_CELL_SHARE,
+        };
+        let mut keys: Vec<(u64, u32)> = (0..count)
+            .into_par_iter()
+            .filter(is_valid)
+            .fold(Vec::new, |mut keys, primitive| {
+                planes.push_keys(primitive, &mut keys);
+                keys
+            })
+            .reduce(Vec::new, |mut a, mut b| {
+                a.append(&mut b);
+                a
+            });
+        keys.par_sort_unstable();
+        Self { planes, keys }
+    }
+
+    /// Collects what `search` finds among the triangles of each group that are close together.
+    fn search<T: Send>(&self, search: fn(&[&PlanarTriangle], &mut Vec<T>)) -> Vec<T> {
+        let groups = self.keys.chunk_by(|a, b| a.0 == b.0);
+        let groups: Vec<&[(u64, u32)]> = groups.filter(|group| group.len() > 1).collect();
+        let found = groups.par_iter().flat_map_iter(|group| {
+            let members = self.planes.project_all(group);
+            let mut found = Vec::new();
+            divide(members.iter().collect(), 0, &mut |close| {
+                search(close, &mut found);
+            });
+            found
+        });
+        found.collect()
+    }
+}
+
 /// Search for equal planes: a plane is a linear function over the two axes other than the largest
 /// one of its normal, with two slopes and an offset.
 struct Planes<'a> {
     scene: &'a Scene,
     middle: DVec3,
     offset_cell: f64,
-}
-
-/// What is found about a triangle.
-struct Overlap {
-    primitive: u32,
-    has_other_material: bool,
-    /// Whether it faces the other way, and the triangle.
-    partner: Option<(bool, u32)>,
 }
 
 /// A triangle, also projected along the largest axis of its normal.
@@ -330,8 +331,8 @@ fn range_along(axis: DVec2, corners: [DVec2; 3]) -> [f64; 2] {
 }
 
 impl Planes<'_> {
-    /// Returns the corners of a triangle relative to the middle of the scene, and its normal, of any
-    /// length.
+    /// Returns the corners of a triangle relative to the middle of the scene, and its normal, of
+    /// any length.
     fn local(&self, primitive: u32) -> ([DVec3; 3], DVec3) {
         let [a, b, c] = self.scene.corners(primitive);
         let normal = (b - a).cross(c - a);
@@ -369,18 +370,13 @@ impl Planes<'_> {
         }
     }
 
-    /// Returns the overlapping triangles of a group in one cell.
-    fn overlaps(&self, group: &[(u64, u32)]) -> Vec<Overlap> {
+    /// Projects the triangles of a group along one axis.
+    fn project_all(&self, group: &[(u64, u32)]) -> Vec<PlanarTriangle> {
         let (_, normal) = self.local(group[0].1);
         let size = normal.abs();
         let axis = (0..3).fold(0, |a, b| if size[b] > size[a] { b } else { a });
-        let members: Vec<PlanarTriangle> = group
-            .iter()
-            .map(|&(_, primitive)| self.project(primitive, axis))
-            .collect();
-        let mut found = Vec::new();
-        divide(members.iter().collect(), 0, &mut found);
-        found
+        let primitives = group.iter().map(|&(_, primitive)| primitive);
+        primitives.map(|it| self.project(it, axis)).collect()
     }
 
     fn project(&self, primitive: u32, axis: usize) -> PlanarTriangle {
@@ -408,9 +404,9 @@ impl Planes<'_> {
     }
 }
 
-/// Finds the overlaps among triangles in about one plane, sorted by primitive, by halving their
-/// bounding box.
-fn divide(members: Vec<&PlanarTriangle>, depth: usize, found: &mut Vec<Overlap>) {
+/// Calls `visit` with the triangles of about one plane, sorted by primitive, that lie close together,
+/// by halving their bounding box; not with those of a single class.
+fn divide(members: Vec<&PlanarTriangle>, depth: usize, visit: &mut impl FnMut(&[&PlanarTriangle])) {
     if members.iter().all(|it| it.class == members[0].class) {
         return;
     }
@@ -430,44 +426,49 @@ fn divide(members: Vec<&PlanarTriangle>, depth: usize, found: &mut Vec<Overlap>)
         // Otherwise most of them cross the middle.
         if lower.len() + upper.len() < members.len() * 3 / 2 {
             drop(members);
-            divide(lower, depth + 1, found);
-            divide(upper, depth + 1, found);
+            divide(lower, depth + 1, visit);
+            divide(upper, depth + 1, visit);
             return;
         }
     }
+    visit(&members);
+}
+
+/// Finds triangles that may be met in place of others: the triangle, whether its partner faces the
+/// other way, and the partner.
+fn find_partners(members: &[&PlanarTriangle], pairs: &mut Vec<(u32, bool, Reverse<u32>)>) {
+    let mut counts = vec![0; members.len()];
     // The last ones in the file first, as only so many are kept.
-    let from_last = || members.iter().rev();
-    for a in &members {
-        let (before, mut has_other_material) = (found.len(), false);
-        for b in from_last().filter(|b| b.class != a.class) {
-            let ((material, is_up), (other_material, other_is_up)) = (a.class, b.class);
-            let is_opposite = is_up != other_is_up;
-            let is_partner = is_opposite || b.primitive > a.primitive;
-            let is_news = !has_other_material && material != other_material;
-            if !(is_partner || is_news) || !a.overlaps(b) {
+    for (j, b) in members.iter().enumerate().rev() {
+        for (i, a) in members[..j].iter().enumerate().rev() {
+            if a.class == b.class || counts[i].min(counts[j]) >= MAX_PARTNERS || !a.overlaps(b) {
                 continue;
             }
-            has_other_material |= material != other_material;
-            found.push(Overlap {
-                primitive: a.primitive,
-                has_other_material,
-                partner: is_partner.then_some((is_opposite, b.primitive)),
-            });
-            if found.len() - before == MAX_PARTNERS {
-                break;
+            let is_opposite = a.class.1 != b.class.1;
+            pairs.push((a.primitive, is_opposite, Reverse(b.primitive)));
+            if is_opposite {
+                pairs.push((b.primitive, true, Reverse(a.primitive)));
             }
+            counts[i] += 1;
+            counts[j] += 1;
         }
-        // Of its own class, the later ones count where one of another class does.
-        if found.len() == before {
-            continue;
-        }
-        let later = from_last().take_while(|b| b.primitive > a.primitive);
+    }
+    // Of its own class, the later ones count where one of another class does.
+    for (i, a) in members.iter().enumerate().filter(|(i, _)| counts[*i] > 0) {
+        let later = members[i + 1..].iter().rev();
         let twins = later.filter(|b| b.class == a.class && a.overlaps(b));
-        found.extend(twins.take(MAX_PARTNERS).map(|b| Overlap {
-            primitive: a.primitive,
-            has_other_material,
-            partner: Some((false, b.primitive)),
-        }));
+        let twins = twins.take(MAX_PARTNERS);
+        pairs.extend(twins.map(|b| (a.primitive, false, Reverse(b.primitive))));
+    }
+}
+
+/// Finds triangles that overlap one of another material.
+fn find_conflicts(members: &[&PlanarTriangle], conflicts: &mut Vec<u32>) {
+    for a in members {
+        let mut others = members.iter().filter(|b| b.class.0 != a.class.0);
+        if others.any(|b| a.overlaps(b)) {
+            conflicts.push(a.primitive);
+        }
     }
 }
 

@@ -5,7 +5,7 @@ use super::lights::FileLights;
 use super::notes::{Note, Notes};
 use super::orientation::FrameHints;
 use super::{LoadError, file_stem};
-use crate::coplanar::CoplanarTriangles;
+use crate::coplanar;
 use crate::material::{Material, Texture};
 use crate::scene::{Scene, Triangle, Vertex};
 use glam::{DVec3, Vec2, Vec3};
@@ -243,8 +243,8 @@ impl Builder {
         self.groups.retain(|group| !group.triangles.is_empty());
         self.notes
             .add(Note::Duplicate, duplicate_count(&self.scene));
-        let overlapping = CoplanarTriangles::find(&self.scene).conflict_count();
-        self.notes.add(Note::Coplanar, overlapping);
+        self.notes
+            .add(Note::Coplanar, coplanar::count_conflicts(&self.scene));
         self.notes.add_file(path);
         let FileLights { sun, sky, lamps } = self.lights.with_defaults(&mut self.notes);
         discard_unused_vertices(&mut self.scene);

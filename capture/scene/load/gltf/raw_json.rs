@@ -186,8 +186,8 @@ impl RawJson {
         self.buffer_views.get(index)?.extensions.meshopt.as_ref()
     }
 
-    /// Returns true if all views of a buffer have a compressed form in another buffer, so that it is
-    /// only for readers that do not support compression.
+    /// Returns true if all views of a buffer have a compressed form in another buffer, so that it
+    /// is only for readers that do not support compression.
     pub(super) fn is_fallback_buffer(&self, buffer: usize) -> bool {
         let mut views = self
             .buffer_views
