@@ -650,3 +650,44 @@ fn memory_limit_refuses_files_by_name() {
     assert!(!dir.path().join("o.png").exists());
     succeeds(dir.path(), &arguments("4096"));
 }
+
+/// Files whose headers state sizes that they do not have: a frame of a GIF that is larger than the
+/// image, and a sky.
+#[test]
+fn decoders_allocate_no_more_than_the_limit() {
+    const LIMIT_MIB: u64 = 256;
+    let dir = tempfile::tempdir().unwrap();
+    let write = |name: &str, bytes: &[u8]| std::fs::write(dir.path().join(name), bytes).unwrap();
+    write("a.mtl", b"newmtl m\nmap_Kd large.gif\n");
+    write(
+        "a.obj",
+        b"mtllib a.mtl\nusemtl m\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nf 1/1 2/1 3/1\n",
+    );
+    let size = 30_000u16.to_le_bytes();
+    let mut gif = b"GIF89a\x01\0\x01\0\x80\0\0\0\0\0\xff\xff\xff,\0\0\0\0".to_vec();
+    gif.extend([size, size].concat());
+    gif.extend(b"\0\x02\x02D\x01\0;");
+    write("large.gif", &gif);
+    let limit = LIMIT_MIB.to_string();
+    let command = "truth a.obj -o o.png --size 8x8 --samples 1 --memory";
+    let arguments: Vec<&str> = command.split(' ').chain([&limit[..]]).collect();
+    let printed = json(dir.path(), &[&arguments[..], &["--json"]].concat());
+    let peak = printed["peak_rss_mb"].as_f64().unwrap();
+    assert!(peak < LIMIT_MIB as f64, "{peak} MB");
+
+    let sky = "truth builtin:bump -o sky.exr --size 16x8 --samples 1";
+    succeeds(dir.path(), &sky.split(' ').collect::<Vec<_>>());
+    let mut exr = std::fs::read(dir.path().join("sky.exr")).unwrap();
+    let name = b"dataWindow\0box2i\0";
+    let found = exr.windows(name.len()).position(|bytes| bytes == name);
+    let window = found.unwrap() + name.len() + 4;
+    let corners = [0i32, 0, 16_383, 16_383].map(i32::to_le_bytes);
+    exr[window..window + 16].copy_from_slice(&corners.concat());
+    write("large.exr", &exr);
+    fails(
+        dir.path(),
+        1,
+        &[&arguments[..], &["--sky", "large.exr"]].concat(),
+        "large.exr: needs 3072 MiB of memory",
+    );
+}

@@ -14,7 +14,7 @@
 //! hit (docs/decisions/0020). Triangles smaller than a pixel, such as far leaves, gravel or chain
 //! link, have rims that no neighbour betrays, because it holds other ones at the same depth. A ray
 //! through each pixel finds them: a block of pixels in which one passes a surface without a rim is
-//! measured as a whole, with [`SPARSE_PACKETS`] times as many rays.
+//! measured as a whole, with [`SPARSE_PACKETS`] times as many rays (docs/decisions/0068).
 
 use glam::Vec3;
 use headbox_cube::model::depth_bins::DepthBins;
@@ -379,19 +379,11 @@ mod tests {
         [captured, met].map(|sum| sum / (MIDDLE.len() as f64).powi(2))
     }
 
-    /// Without the rays through each pixel, these are 1.3 to 2.5 times the shares that rays meet.
     /// Pixels that no ray of the capture met are missing, hence many rays here.
     #[test]
     fn triangles_smaller_than_a_pixel_cover_what_rays_meet() {
         const TOLERANCE: f64 = 0.05;
-        for (count, size_m, depth_m) in [
-            (4000, 0.3, 4.0),
-            (12_000, 0.3, 4.0),
-            (12_000, 0.3, 0.0),
-            (40_000, 0.1, 0.0),
-            (2000, 0.6, 4.0),
-            (2000, 0.6, 0.0),
-        ] {
+        for (count, size_m, depth_m) in [(4000, 0.3, 4.0), (40_000, 0.1, 0.0), (2000, 0.6, 0.0)] {
             let [captured, met] = covered_shares(cloud(count, size_m, depth_m));
             assert!(
                 (captured / met - 1.0).abs() < TOLERANCE,

@@ -93,8 +93,8 @@ pub(super) fn build(scene: &Scene, origin: DVec3, cutouts: &Cutouts) -> Tree {
 
 /// Moves a triangle by a small share of its size, at random. Clustering joins two boxes that are
 /// each other's best partner; among boxes that are equal or in a row, all would prefer the same
-/// side, and each round would join only a few of them. The final boxes are those of the triangles
-/// where they are.
+/// side, and each round would join only a few of them (docs/decisions/0069). The final boxes are
+/// those of the triangles where they are.
 fn jitter(primitive: u32, triangle: &[Vec3; 3]) -> Triangle {
     const SHARE: f32 = 1.0 / 128.0;
     let [a, b, c] = triangle.map(Vec3A::from);

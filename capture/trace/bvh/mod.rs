@@ -216,8 +216,8 @@ impl Tracer {
             .surface_facing(primitive, self.geometric_normal(primitive), u, v)
     }
 
-    /// Returns the closest hit of a ray, the smallest (t, primitive) of all its hits; of overlapping
-    /// triangles in one plane the last one that faces the ray, or else the last one.
+    /// Returns the closest hit of a ray, the smallest (t, primitive) of all its hits; of
+    /// overlapping triangles in one plane the last one that faces the ray, or else the last one.
     pub fn closest(&self, ray: &Ray) -> Option<Hit> {
         let mut closest = single::ClosestQuery::new(ray.t_max);
         dispatch!(self.level, simd => single::search(simd, self, ray, &mut closest));

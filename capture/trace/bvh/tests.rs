@@ -143,3 +143,22 @@ fn single_sided_triangles_are_absent_from_behind() {
     }
     assert!(tracer.is_visible(-Vec3::Z, 0, 0.3, 0.3) && !tracer.is_visible(Vec3::Z, 0, 0.3, 0.3));
 }
+
+/// Among boxes that are equal or in a row, each round of clustering would join few.
+#[test]
+fn trees_over_equal_boxes_are_shallow() {
+    const COUNT: u32 = 4096;
+    /// A balanced tree has 4 levels.
+    const MAX_LEVELS: usize = 12;
+    for offset in [DVec3::ZERO, DVec3::X] {
+        let triangle = [DVec3::ZERO, DVec3::X, DVec3::Y];
+        let corners = |i: u32| triangle.map(|corner| corner + offset * f64::from(i));
+        let positions = (0..COUNT).flat_map(corners).collect();
+        let triangles: Vec<([u32; 3], u32)> = (0..COUNT)
+            .map(|i| ([3 * i, 3 * i + 1, 3 * i + 2], 0))
+            .collect();
+        let tree = tracer(positions, &triangles, &[false]).tree;
+        let levels = (tree.stack_len - 1) / (super::tree::WIDTH - 1);
+        assert!(levels <= MAX_LEVELS, "{offset}: {levels} levels");
+    }
+}
