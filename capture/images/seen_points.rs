@@ -21,8 +21,8 @@ pub(crate) struct SeenPoints {
 
 impl SeenPoints {
     /// Projects the pixels of `a` with known depth that lie `step` pixels apart into `b`, with the
-    /// depth of both multiplied by `factor`. The background has no depth to multiply: it is left out
-    /// unless `has_background`.
+    /// depth of both multiplied by `factor`. The background has no depth to multiply: it is left
+    /// out unless `has_background`.
     pub(crate) fn new(
         a: &LoadedView,
         b: &LoadedView,

@@ -268,8 +268,8 @@ impl Outputs {
         self.folder(path)
     }
 
-    /// Prints the notes of the loader, or fails if there are any and reading is strict; protects all
-    /// files of an open scene (materials, textures), and checks the outputs again.
+    /// Prints the notes of the loader, or fails if there are any and reading is strict; protects
+    /// all files of an open scene (materials, textures), and checks the outputs again.
     pub(super) fn add_scene(
         &self,
         name: &str,

@@ -337,7 +337,7 @@ fn glb_files() {
     try_mutations("a.glb", &[corpus("a.glb")], false, read_scene);
 }
 
-fn read_depth(path: &Path) -> bool {
+pub(crate) fn read_depth(path: &Path) -> bool {
     DepthPicture::read(path, 0.001, 1.0).is_ok_and(|depth| {
         assert_eq!(
             depth.values.len(),

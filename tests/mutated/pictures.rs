@@ -1,22 +1,12 @@
 //! Mutated pictures: depth files of all kinds, deep images, skies, and photographs.
 
+use crate::files::read_depth;
 use crate::mutations::{try_mutations, written_bytes};
 use headbox_images::deep_exr::{DeepChannel, DeepCompression, DeepImage, DeepKind, DeepView};
-use headbox_images::depth::DepthPicture;
 use headbox_images::read_color;
 use headbox_scene::scene::SkyPicture;
 use image::{ImageFormat, Luma, Rgb, RgbImage};
 use std::path::Path;
-
-fn read_depth(path: &Path) -> bool {
-    DepthPicture::read(path, 0.001, 1.0).is_ok_and(|depth| {
-        assert_eq!(
-            depth.values.len(),
-            depth.width as usize * depth.height as usize
-        );
-        true
-    })
-}
 
 fn npy(kind: &str, data: Vec<u8>) -> Vec<u8> {
     let header = format!("{{'descr': '{kind}', 'fortran_order': True, 'shape': (6, 8), }}\n");

@@ -19,7 +19,7 @@ use std::io;
 use std::path::{Component, Path, PathBuf};
 use std::sync::{PoisonError, RwLock};
 
-/// What the user allows.
+/// Places outside of the folders of inputs that the user allows.
 #[derive(Clone, Debug, Default)]
 struct Permissions {
     outside: bool,

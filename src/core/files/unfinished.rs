@@ -1,5 +1,5 @@
-//! Temporary files and folders: removed when they are dropped, when the process is interrupted, and,
-//! after a process that was killed, by the next one that writes to the same folder.
+//! Temporary files and folders: removed when they are dropped, when the process is interrupted,
+//! and, after a process that was killed, by the next one that writes to the same folder.
 //!
 //! A process locks its temporary files and folders while it writes to them. The system ends the
 //! locks of a process with it, so whatever can be locked is abandoned, on this machine or another.

@@ -6,9 +6,9 @@
 //! representation provides a `renderer.js`, and the rule for valid eye positions: `place.js` or,
 //! with a headbox, `headbox.js`.
 //!
-//! A page says so if it is damaged or was cut: `watchdog.js` is a script of its own that comes before
-//! all else. It knows the number of bytes of the data, and checks that the page has an end and that
-//! the viewer starts and goes on. The viewer verifies a CRC-32 of the header and of each part.
+//! A page says so if it is damaged or was cut: `watchdog.js` is a script of its own that comes
+//! before all else. It knows the number of bytes of the data, and checks that the page has an end
+//! and that the viewer starts and goes on. The viewer verifies a CRC-32 of the header and of each part.
 
 mod cube;
 mod house;

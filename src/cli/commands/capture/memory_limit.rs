@@ -1,12 +1,12 @@
-//! Captures within `--memory`: bytes of accumulators before they are spilled, and number of threads.
+//! Captures within `--memory`: bytes of accumulators before they are spilled, number of threads.
 
 use super::spill_folder;
 use headbox_core::memory;
 use std::path::{Path, PathBuf};
 
 /// Buffers of a thread for each pixel along a side of a face, bytes: rays and hits of a cell, the
-/// accumulators of a tile, a test frame. 16 threads take 19 kB to 21 kB more each than one, on faces
-/// of 128, 256 and 1,024 pixels.
+/// accumulators of a tile, a test frame. 16 threads take 19 to 21 kB more each than one, on faces of
+/// 128, 256 and 1,024 pixels.
 const THREAD_BYTES_PER_PX: u64 = 20_000;
 
 /// Memory of a capture on one thread that does not grow with its samples, bytes.
@@ -56,8 +56,8 @@ impl MemoryLimit {
         self.used + (FIXED_BYTES + SPILLED_BYTES * depth_pixels) as u64
     }
 
-    /// Number of threads, at most `most`, whose buffers fit beside about this number of depth pixels:
-    /// one if nothing fits.
+    /// Number of threads, at most `most`, whose buffers fit beside about this number of depth
+    /// pixels: one if nothing fits.
     pub(crate) fn threads(&self, depth_pixels: f64, most: usize) -> usize {
         let left = self.limit.saturating_sub(self.least_bytes(depth_pixels));
         let more = left / self.thread_bytes().max(1);
@@ -77,8 +77,8 @@ impl MemoryLimit {
     pub(crate) fn spill_budget(&self, threads: usize, output: &Path) -> (u64, PathBuf) {
         /// Least memory for thread buffers, the heads of tiles, and the sorting of a tile.
         const RESERVE: u64 = 96 << 20;
-        /// The rest is shared with the LDI that grows at the end, while the allocator still holds the
-        /// memory of freed accumulators.
+        /// The rest is shared with the LDI that grows at the end, while the allocator still holds
+        /// the memory of freed accumulators.
         const SHARE: u64 = 2;
         /// Least budget: smaller ones spill most of the time.
         const LEAST: u64 = 16 << 20;
@@ -92,8 +92,8 @@ impl MemoryLimit {
         let peak = memory::peak_and_resident().map_or(0, |[peak, _]| peak);
         if peak > self.limit {
             eprintln!(
-                "warning: the capture took {} MiB of memory, more than --memory allows ({} MiB): its \
-                 result alone is that large; a smaller --face-size takes less",
+                "warning: the capture took {} MiB of memory, more than --memory allows ({} MiB); a \
+                 smaller --face-size or fewer --threads take less",
                 peak >> 20,
                 self.limit >> 20
             );
