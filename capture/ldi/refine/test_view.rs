@@ -14,8 +14,9 @@ use headbox_trace::sampler::RayKey;
 /// Pixels along a side of a view, unless faces have fewer.
 const VIEW_PX: u32 = 256;
 
-/// Splat coverage, 0..255, below which a pixel lacks the surface that its ray hits.
-const COVERED: u8 = 128;
+/// Splat coverage, 0..255, below which a pixel lacks the surface that its ray hits: half of the
+/// weight at which a surface is opaque.
+const COVERED: u8 = 120;
 
 /// Share of the surface's inverse depth by which the shown depth may lie behind it, in addition to
 /// two bins.

@@ -75,7 +75,7 @@ impl CaptureParameters {
     pub const DEFAULT: Self = Self {
         strata: 32,
         rays_per_stratum: 16,
-        bounces: Bounces::Exactly(1),
+        bounces: Bounces::Full,
         light_samples: 4,
         seed: 0,
         novelty: Self::DEFAULT_NOVELTY,

@@ -16,8 +16,8 @@ use std::sync::LazyLock;
 /// Weight at which a surface is opaque: truncated Gaussians add up to 4 % less than 1, and ripple.
 const OPAQUE: f32 = 0.92;
 
-/// Least share of a pixel that a surface covers if it touches it.
-const MIN_SHARE: f32 = 0.05;
+/// Weight from which the share of a pixel that a surface covers rises faster, to 1 at [`OPAQUE`].
+const RAMP_START: f32 = 0.75;
 
 /// Upper bound of correlations, so that no ellipse is thinner than a twentieth of its length.
 const MAX_CORRELATION: f32 = 0.995;
@@ -47,7 +47,8 @@ impl Cell {
         if self.weight <= 0.0 {
             return self.behind;
         }
-        let share = (self.weight / OPAQUE).clamp(MIN_SHARE, 1.0);
+        let ramp = 1.0 - (OPAQUE - self.weight) * (1.0 - RAMP_START) / (OPAQUE - RAMP_START);
+        let share = self.weight.max(ramp).min(1.0);
         let front = self.sum.map(|s| s / self.weight * share);
         let [r, g, b, behind] = self.behind;
         // Surfaces behind extend behind the front one, as in `blend_surfaces` of the surface
@@ -363,21 +364,24 @@ mod tests {
         let blue = [0.0, 0.0, 1.0];
         let mut cell = Cell::default();
         assert_near(cell.flatten(), [0.0; 4]);
-        cell.add(red, 0.46, 0.5, 0.01);
+        cell.add(red, 0.5, 0.5, 0.01);
         assert_near(cell.flatten(), [0.5, 0.0, 0.0, 0.5]);
         // The same surface, slightly nearer and farther: weighted means.
-        cell.add(blue, 0.23, 0.505, 0.01);
+        cell.add(blue, 0.25, 0.505, 0.01);
         assert_near(cell.flatten(), [0.5, 0.0, 0.25, 0.75]);
-        cell.add(blue, 0.23, 0.495, 0.01);
+        cell.add(blue, 0.25, 0.495, 0.01);
         assert_near(cell.flatten(), [0.5, 0.0, 0.5, 1.0]);
         assert_eq!(cell.inverse_depth, 0.505);
         // Far behind an opaque surface: no change.
         cell.add([9.0; 3], 0.9, 0.1, 0.01);
         assert_near(cell.flatten(), [0.5, 0.0, 0.5, 1.0]);
-        // A nearer surface over it, which remains visible where that is open; and at least a
-        // twentieth.
-        cell.add(red, 0.23, 0.9, 0.01);
+        // A nearer surface over it, which remains visible where that is open.
+        cell.add(red, 0.25, 0.9, 0.01);
         assert_near(cell.flatten(), [0.25 + 0.75 * 0.5, 0.0, 0.75 * 0.5, 1.0]);
+        // Half of the way from the start of the ramp to opaque.
+        let mut nearly_opaque = Cell::default();
+        nearly_opaque.add(red, 0.835, 0.5, 0.01);
+        assert_near(nearly_opaque.flatten(), [0.875, 0.0, 0.0, 0.875]);
         let mut heavy = Cell::default();
         heavy.add(red, 2.5, 0.5, 0.01);
         assert_near(heavy.flatten(), [1.0, 0.0, 0.0, 1.0]);
@@ -386,11 +390,11 @@ mod tests {
         assert_eq!((heavy.weight, heavy.behind), (3.5, [0.0; 4]));
         let mut thin = Cell::default();
         thin.add(blue, 1e-3, 0.5, 0.01);
-        assert_near(thin.flatten(), [0.0, 0.0, 0.05, 0.05]);
+        assert_near(thin.flatten(), [0.0, 0.0, 1e-3, 1e-3]);
         // Splats behind an open front: composited over each other by share; the result extends
         // behind the front.
         let mut open = Cell::default();
-        open.add(red, 0.46, 0.5, 0.01);
+        open.add(red, 0.5, 0.5, 0.01);
         open.add(blue, 0.25, 0.1, 0.01);
         assert_near(open.flatten(), [0.5, 0.0, 0.25, 0.75]);
         open.add(red, 0.5, 0.1, 0.01);
@@ -399,7 +403,7 @@ mod tests {
             [0.5 + 0.5 * 0.5 / 0.625, 0.0, 0.5 * 0.125 / 0.625, 1.0],
         );
         let mut green = Cell::default();
-        green.add([0.0, 1.0, 0.0], 0.46, 0.5, 0.01);
+        green.add([0.0, 1.0, 0.0], 0.5, 0.5, 0.01);
         green.add([0.0, 0.5, 0.0], 0.25, 0.1, 0.01);
         assert_near(green.flatten(), [0.0, 0.5 + 0.25 * 0.5, 0.0, 0.75]);
     }
@@ -407,7 +411,7 @@ mod tests {
     #[test]
     fn pixels_resolve_to_straight_colours_and_shares() {
         let mut canvas = canvas();
-        canvas.cells[5 * 20 + 7].add([LINEAR[180], LINEAR[90], LINEAR[20]], 0.46, 0.5, 0.01);
+        canvas.cells[5 * 20 + 7].add([LINEAR[180], LINEAR[90], LINEAR[20]], 0.5, 0.5, 0.01);
         let mut colors = [[0; 4]; 3];
         let mut depths = [9.0; 3];
         canvas.resolve(5, 6, &mut colors, Level::new());

@@ -72,7 +72,7 @@ fn header(cube: &CubeLdi) -> Value {
             "wNear": rules::W_NEAR,
             "steps": rules::WEIGHT_STEPS,
             "opaque": rules::OPAQUE_WEIGHT,
-            "minShare": rules::MIN_SHARE,
+            "rampStart": rules::RAMP_START,
         },
     })
 }

@@ -155,14 +155,15 @@ void main() {
 export const finishFragment = (layers) => `${HEAD}${CURVES}${SURROUNDINGS}${SHELL}
 ${layers.map((i) => `uniform sampler2D sum${i};`).join('\n')}
 uniform sampler2D nearest;               // surface of each pixel
-uniform float margin, opaque, minShare, nearM;
+uniform float margin, opaque, rampStart, nearM;
 out vec4 color;                          // alpha: whether anything is known
 /** Share of the shell's 1 / eye depth below which something is behind it. */
 const float BEHIND = 0.8;
 /** A surface over what is behind it, which fills what it leaves open as it fills the pixel. */
 vec4 over(vec4 sum, vec4 behind) {
   if (sum.a <= 0.0) return behind;
-  float share = clamp(sum.a / opaque, minShare, 1.0);
+  float ramp = 1.0 - (opaque - sum.a) * (1.0 - rampStart) / (opaque - rampStart);
+  float share = min(max(sum.a, ramp), 1.0);
   float rest = (1.0 - share) * (share < 1.0 ? min(behind.a / (1.0 - share), 1.0) : 0.0);
   return vec4((linear(sum.rgb / sum.a) * share + behind.rgb * rest) / (share + rest), share + rest);
 }

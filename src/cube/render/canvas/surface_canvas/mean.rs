@@ -11,8 +11,12 @@ pub(super) const BLOCK: usize = 8;
 /// than [`ONE`].
 pub(crate) const OPAQUE: u32 = 120;
 
-/// Least coverage, 0..255, of a surface that touches a pixel.
-pub(crate) const MIN_SHARE: u32 = 13;
+/// Weight up to which a surface covers as large a share of a pixel, so that sparse surfaces cover what
+/// their alphas say. From there the share rises faster, to 1 at [`OPAQUE`] (docs/decisions/0071).
+pub(crate) const RAMP_START: u32 = 96;
+
+/// Rise of the coverage, 0..255, with the weight between [`RAMP_START`] and [`OPAQUE`].
+const RAMP: f32 = 255.0 * (ONE - RAMP_START) as f32 / (ONE * (OPAQUE - RAMP_START)) as f32;
 
 const _: () = assert!(OPAQUE < ONE, "a complete surface is opaque");
 
@@ -32,8 +36,9 @@ pub(super) fn means<S: Simd>(simd: S, sums: &Sums) -> u32x8<S> {
     let red = mean(simd, &sums[0], reciprocal);
     let green = mean(simd, &sums[1], reciprocal);
     let blue = mean(simd, &sums[2], reciprocal);
-    let share =
-        u32x8::truncate_from(weight.min(OPAQUE as f32) * (255.0 / OPAQUE as f32)).max(MIN_SHARE);
+    let proportional = weight * (255.0 / ONE as f32);
+    let ramp = 255.0 - (OPAQUE as f32 - weight) * RAMP;
+    let share = u32x8::truncate_from(proportional.max(ramp).min(255.0));
     let color = red | (green << 8) | (blue << 16) | (share << 24);
     integer_weight
         .simd_eq(0)
@@ -73,7 +78,20 @@ mod tests {
 
     #[test]
     fn means_are_rounded_to_nearest_at_every_level() {
-        for weight in [1u32, 2, 7, 119, 120, 128, 257, 9_999] {
+        let coverages = [
+            (1u32, 1),
+            (2, 3),
+            (7, 13),
+            (64, 127),
+            (96, 191),
+            (97, 193),
+            (108, 223),
+            (119, 252),
+            (120, 255),
+            (128, 255),
+            (9_999, 255),
+        ];
+        for (weight, coverage) in coverages {
             let reds: [u32; BLOCK] = std::array::from_fn(|i| 255 * weight / 7 * i as u32);
             let blues = [255 * weight; BLOCK];
             for level in simd::levels() {
@@ -86,8 +104,7 @@ mod tests {
                         (f64::from(r) - f64::from(red) / f64::from(weight)).abs() <= 0.5 + 1e-4,
                         "{red} / {weight}"
                     );
-                    let expected = (weight.min(OPAQUE) * 255 / OPAQUE).max(MIN_SHARE);
-                    assert_eq!((g, b, u32::from(share)), (1, 255, expected));
+                    assert_eq!((g, b, share), (1, 255, coverage));
                 }
             }
         }

@@ -15,7 +15,7 @@ mod peel;
 mod tests;
 mod tile_splat;
 
-pub(crate) use mean::{MIN_SHARE, OPAQUE};
+pub(crate) use mean::{OPAQUE, RAMP_START};
 
 use super::linear::LinearLight;
 use super::{Canvas, Tolerance};

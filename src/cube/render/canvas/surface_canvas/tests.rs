@@ -1,6 +1,6 @@
 //! Peeled tiles against the definition, splat by splat.
 
-use super::mean::{BLOCK, MIN_SHARE, OPAQUE, blend_surfaces};
+use super::mean::{BLOCK, OPAQUE, RAMP_START, blend_surfaces};
 use super::peel::{BACKGROUND_TOLERANCE, Peel, RowMask};
 use super::tile_splat::{TILE_ROWS, TileSplat};
 use super::{Canvas, Splats, SurfaceCanvas, Tents, Tolerance};
@@ -54,7 +54,16 @@ fn mean(splats: &[PixelSplat]) -> [u8; 4] {
             .sum();
         (sum / f64::from(weight)).round() as u8
     };
-    let share = (weight.min(OPAQUE) * 255 / OPAQUE).max(MIN_SHARE) as u8;
+    let start = f64::from(RAMP_START);
+    let share = match f64::from(weight) {
+        weight if weight <= start => weight / f64::from(ONE),
+        weight => {
+            let along = (weight - start) / (f64::from(OPAQUE) - start);
+            let first = start / f64::from(ONE);
+            (first + (1.0 - first) * along).min(1.0)
+        }
+    };
+    let share = (share * 255.0) as u8;
     [channel(0), channel(1), channel(2), share]
 }
 
@@ -238,7 +247,7 @@ fn surfaces_are_blended_in_depth_order() {
     let blue = [0, 0, 250];
     let mut pixel = FirstPixel::default();
     pixel.add(blue, ONE, 1.0);
-    pixel.add(red, OPAQUE / 2, 2.0);
+    pixel.add(red, ONE / 2, 2.0);
     let [r, g, b, share] = pixel.color();
     // Half of the light of 250 is 184.
     assert!(
