@@ -108,7 +108,7 @@ impl<'a> Capture<'a> {
         self
     }
 
-    /// Sets the number of bounces of light between surfaces, or [`Bounces::Full`] for all; one by default.
+    /// Sets the number of bounces of light between surfaces, or [`Bounces::Full`] for all, the default.
     pub fn bounces(mut self, bounces: impl Into<Bounces>) -> Self {
         self.parameters.bounces = bounces.into();
         self
@@ -232,7 +232,7 @@ impl<'a> SpriteCapture<'a> {
     /// [`Error::Sprite`].
     pub fn run(self) -> Result<SpriteSet, Error> {
         let tracer = self.scene.tracer(self.camera.eye());
-        let lighting = Lighting::prepare_paths(
+        let lighting = Lighting::prepare(
             &tracer,
             self.camera.eye(),
             CaptureParameters::DEFAULT.bounces,

@@ -70,13 +70,7 @@ fn floor_point(tracer: &Tracer) -> LitPoint {
 /// Returns the mean of light samples at the floor, as captures take them.
 fn captured_light(tracer: &Tracer, lighting: &Lighting) -> f32 {
     let point = floor_point(tracer);
-    mean(|sample| {
-        let (before, arrival) = lighting.before(tracer, &point, sample);
-        let beyond = arrival.map_or(Vec3::ZERO, |arrival| {
-            arrival.contribution(lighting.beyond(tracer, &arrival, sample))
-        });
-        (before + beyond).x
-    })
+    mean(|sample| lighting.cached_radiosity(tracer, &point, sample).x)
 }
 
 fn mean(light: impl Fn(&LightSample) -> f32) -> f32 {

@@ -355,6 +355,22 @@ impl Lighting {
             .to_array()
     }
 
+    /// Same as [`Self::radiosity_per_albedo`], but with [cached
+    /// bounces](Self::with_cached_bounces), if there are any.
+    pub fn cached_radiosity(
+        &self,
+        tracer: &Tracer,
+        point: &LitPoint,
+        sample: &LightSample,
+    ) -> Vec3 {
+        let sharp = self.sharp_radiosity(tracer, point, sample);
+        let (before, arrival) = self.before(tracer, point, sample);
+        let beyond = arrival.map_or(Vec3::ZERO, |arrival| {
+            arrival.contribution(self.beyond(tracer, &arrival, sample))
+        });
+        sharp + before + beyond
+    }
+
     /// Returns one sample of the part of [`Self::radiosity_per_albedo`] that comes from the sky,
     /// from emissive triangles and from bounces.
     fn soft_radiosity(&self, tracer: &Tracer, point: &LitPoint, sample: &LightSample) -> Vec3 {

@@ -149,10 +149,7 @@ impl SlabCapture<'_> {
         let radiosity = if self.lit {
             let [stream, ..] = random4([x, y, 0x5bd1, 2]);
             let sample = LightSample { stream, index };
-            Vec3::from_array(
-                self.lighting
-                    .radiosity_per_albedo(self.tracer, &point, &sample),
-            )
+            self.lighting.cached_radiosity(self.tracer, &point, &sample)
         } else {
             Vec3::ONE
         };

@@ -109,7 +109,7 @@ pub(super) struct LumigraphQualityArgs {
     /// Rays per pixel of a scene's images; 8 by default
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=65_536))]
     samples: Option<u32>,
-    /// Diffuse bounces of a scene's light after direct light, 0 to 64, or full: all bounces; 1 by
+    /// Diffuse bounces of a scene's light after direct light, 0 to 64, or full: all bounces, the
     /// default
     #[arg(long, value_name = "B")]
     bounces: Option<Bounces>,

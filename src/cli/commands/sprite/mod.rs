@@ -243,7 +243,7 @@ impl SpriteCommand {
         let scene = Arc::new(source.open()?);
         outputs.add_scene(&source.name, &scene, self.sequence.set.strict)?;
         let (camera, tracer) = self.camera.aim(&scene)?;
-        let lighting = Lighting::prepare_paths(
+        let lighting = Lighting::prepare(
             &tracer,
             camera.eye(),
             self.quality.bounces,

@@ -47,8 +47,7 @@ pub(crate) struct TruthCommand {
     images: Option<(u32, u32)>,
     #[command(flatten)]
     camera: CameraArgs,
-    /// Diffuse bounces of light beyond direct light, 0 to 64, or full: all bounces; 1 by default, as
-    /// in captures
+    /// Diffuse bounces of light after direct light, 0 to 64, or full: all bounces, the default
     #[arg(long, value_name = "B")]
     bounces: Option<Bounces>,
     /// Maximum number of rays per pixel; 256 by default, without limit with --noise or --time

@@ -121,11 +121,9 @@ impl BakedLight {
         let [stream, ..] = random4([cell.0, cell.1, cell.2, 0x0bae]);
         let count = self.light_samples;
         let sample = |index| {
-            Vec3::from_array(self.lighting.radiosity_per_albedo(
-                &self.tracer,
-                &point,
-                &LightSample { stream, index },
-            ))
+            let sample = LightSample { stream, index };
+            self.lighting
+                .cached_radiosity(&self.tracer, &point, &sample)
         };
         (0..count).map(sample).sum::<Vec3>() / count as f32
     }
