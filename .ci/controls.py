@@ -9,7 +9,7 @@ import math
 import sys
 import time
 
-from page import STATE, WAIT_S, Chromium
+from page import IS_SHOWN, WAIT_S, Chromium
 
 HINT = "((hint) => (hint?.checkVisibility() ? hint.innerText : ''))(document.getElementById('hint'))"
 VIEW = "[headbox.view.eye, headbox.view.forward, headbox.view.fov]"
@@ -38,7 +38,7 @@ def load(page):
     page.call("Page.navigate", url="about:blank")
     page.call("Page.navigate", url=sys.argv[1])
     started = time.time()
-    while "is loaded" not in str((page.evaluate(STATE) or ["", "", ""])[2]):
+    while not page.evaluate(IS_SHOWN):
         assert time.time() - started < WAIT_S, "the page does not load"
         time.sleep(0.2)
     if len(sys.argv) > 2:

@@ -79,6 +79,8 @@ class Chromium:
         shutil.rmtree(self.profile, ignore_errors=True)
 
 
+# The last part is loaded before the first frame of a small page is drawn.
+IS_SHOWN = "document.getElementById('status')?.textContent.includes('is loaded') && document.body.classList.contains('drawn')"
 STATE = "[document.title, document.body?.className, document.getElementById('status')?.textContent, {...document.body?.dataset}]"
 
 
@@ -106,8 +108,7 @@ def main():
                 state = chromium.evaluate(STATE) or ["", "", "", {}]
                 if state[0] == "ready" or "failed" in (state[1] or ""):
                     break
-                is_shown = "is loaded" in (state[2] or "") and "drawn" in (state[1] or "")
-                if arguments.click and is_shown and not clicked:
+                if arguments.click and not clicked and chromium.evaluate(IS_SHOWN):
                     clicked = True
                     chromium.evaluate(f"document.getElementById('{arguments.click}').click()", userGesture=True)
                 if clicked and state[3].get("headsetEyes"):
