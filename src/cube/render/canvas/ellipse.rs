@@ -4,9 +4,10 @@
 //! The rules are those of [`super::surface_canvas`], without rounding. Footprints are ellipses
 //! whose weights add up to 1 on a surface, colours are kept in linear light, and sums are `f32`.
 
-use super::{Canvas, Tolerance};
+use super::{Canvas, Tolerance, surface_canvas};
 use crate::render::footprint::size::EllipseSize;
 use crate::render::footprint::splat::{Splats, covered_pixels};
+use crate::render::footprint::tent;
 use crate::render::planes::PlaneLayer;
 use fearless_simd::{Level, Simd, dispatch};
 use headbox_core::color::{linear_from_srgb8, srgb8_from_linear};
@@ -16,8 +17,8 @@ use std::sync::LazyLock;
 /// Weight at which a surface is opaque: truncated Gaussians add up to 4 % less than 1, and ripple.
 const OPAQUE: f32 = 0.92;
 
-/// Weight from which the share of a pixel that a surface covers rises faster, to 1 at [`OPAQUE`].
-const RAMP_START: f32 = 0.75;
+/// Weight up to which coverage equals weight; above it coverage rises faster, to 1 at [`OPAQUE`].
+const RAMP_START: f32 = surface_canvas::RAMP_START as f32 / tent::ONE as f32;
 
 /// Upper bound of correlations, so that no ellipse is thinner than a twentieth of its length.
 const MAX_CORRELATION: f32 = 0.995;

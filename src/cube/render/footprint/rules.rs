@@ -20,6 +20,6 @@ pub const W_NEAR: f32 = clip::W_NEAR;
 pub const WEIGHT_STEPS: u32 = tent::ONE;
 /// Weight at which a surface hides everything behind it.
 pub const OPAQUE_WEIGHT: f64 = surface_canvas::OPAQUE as f64 / tent::ONE as f64;
-/// Weight up to which a surface covers as large a share of a pixel; from there the share rises
-/// linearly to 1 at [`OPAQUE_WEIGHT`].
+/// Weight up to which coverage equals weight; above it coverage rises linearly to 1 at
+/// [`OPAQUE_WEIGHT`].
 pub const RAMP_START: f64 = surface_canvas::RAMP_START as f64 / tent::ONE as f64;

@@ -11,8 +11,8 @@ pub(super) use headbox_core::image::texels::LANES;
 use headbox_core::image::texels::{blend_quads, gather_quads};
 use std::ops::Range;
 
-/// Least alpha that is drawn: a canvas gives any surface at least a twentieth of its pixel.
-const MIN_ALPHA: u32 = 8;
+/// Least alpha that is drawn: one step of the weights of a canvas.
+const MIN_ALPHA: u32 = 2;
 
 /// Rows of the frame to draw on.
 pub(super) struct TargetRows<'a> {

@@ -11,8 +11,8 @@ pub(super) const BLOCK: usize = 8;
 /// than [`ONE`].
 pub(crate) const OPAQUE: u32 = 120;
 
-/// Weight up to which a surface covers as large a share of a pixel, so that sparse surfaces cover what
-/// their alphas say. From there the share rises faster, to 1 at [`OPAQUE`] (docs/decisions/0071).
+/// Weight up to which coverage equals weight, so that sparse surfaces cover what their alphas say.
+/// Above it coverage rises faster, to 1 at [`OPAQUE`] (docs/decisions/0071).
 pub(crate) const RAMP_START: u32 = 96;
 
 /// Rise of the coverage, 0..255, with the weight between [`RAMP_START`] and [`OPAQUE`].
@@ -38,7 +38,7 @@ pub(super) fn means<S: Simd>(simd: S, sums: &Sums) -> u32x8<S> {
     let blue = mean(simd, &sums[2], reciprocal);
     let proportional = weight * (255.0 / ONE as f32);
     let ramp = 255.0 - (OPAQUE as f32 - weight) * RAMP;
-    let share = u32x8::truncate_from(proportional.max(ramp).min(255.0));
+    let share = u32x8::truncate_from(proportional.max(ramp).min(255.0) + 0.5);
     let color = red | (green << 8) | (blue << 16) | (share << 24);
     integer_weight
         .simd_eq(0)
@@ -79,12 +79,12 @@ mod tests {
     #[test]
     fn means_are_rounded_to_nearest_at_every_level() {
         let coverages = [
-            (1u32, 1),
-            (2, 3),
-            (7, 13),
-            (64, 127),
+            (1u32, 2),
+            (2, 4),
+            (7, 14),
+            (64, 128),
             (96, 191),
-            (97, 193),
+            (97, 194),
             (108, 223),
             (119, 252),
             (120, 255),

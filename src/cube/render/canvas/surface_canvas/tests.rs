@@ -63,7 +63,7 @@ fn mean(splats: &[PixelSplat]) -> [u8; 4] {
             (first + (1.0 - first) * along).min(1.0)
         }
     };
-    let share = (share * 255.0) as u8;
+    let share = (share * 255.0).round() as u8;
     [channel(0), channel(1), channel(2), share]
 }
 
