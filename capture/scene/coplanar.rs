@@ -404,8 +404,8 @@ impl Planes<'_> {
     }
 }
 
-/// Calls `visit` with the triangles of about one plane, sorted by primitive, that lie close together,
-/// by halving their bounding box; not with those of a single class.
+/// Calls `visit` with the triangles of about one plane, sorted by primitive, that lie close
+/// together, by halving their bounding box; not with those of a single class.
 fn divide(members: Vec<&PlanarTriangle>, depth: usize, visit: &mut impl FnMut(&[&PlanarTriangle])) {
     if members.iter().all(|it| it.class == members[0].class) {
         return;

@@ -7,6 +7,9 @@ use headbox_scene::scene::Sky;
 use headbox_trace::light::Lighting;
 use std::sync::atomic::{AtomicU64, Ordering};
 
+/// Size of the faces of a mask below which the environment has more texels than the mask.
+const MIN_SIZE_PX: u32 = 128;
+
 /// A bit for each texel of an environment cube map, set where a ray left the scene.
 pub struct EnvironmentMask {
     size_px: u32,
@@ -57,12 +60,14 @@ impl EnvironmentMask {
     }
 
     /// The environment: the sky's radiance in every direction, with alpha 255 where a ray left the
-    /// scene; empty if none did. Twice as many texels along a side if the sky is a picture.
+    /// scene; empty if none did. Twice as many texels along a side if the sky is a picture, and on
+    /// small faces, whose texels would blur the horizon over more than a degree.
     pub fn environment(&self, lighting: &Lighting) -> Environment {
         if self.words().iter().all(|&word| word == 0) {
             return Environment::default();
         }
-        let finer = if matches!(lighting.sky, Some(Sky::Picture(_))) {
+        let is_picture = matches!(lighting.sky, Some(Sky::Picture(_)));
+        let finer = if is_picture || self.size_px < MIN_SIZE_PX {
             2
         } else {
             1
