@@ -8,7 +8,8 @@
 //!
 //! A page says so if it is damaged or was cut: `watchdog.js` is a script of its own that comes
 //! before all else. It knows the number of bytes of the data, and checks that the page has an end
-//! and that the viewer starts and goes on. The viewer verifies a CRC-32 of the header and of each part.
+//! and that the viewer starts and goes on. The viewer verifies a CRC-32 of the header and of each
+//! part.
 
 mod cube;
 mod house;
