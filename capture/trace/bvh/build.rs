@@ -7,25 +7,19 @@ use super::tree::{BLOCK, Block, Bounds, Child, Node, Tree, WIDTH};
 use crate::sampler::{random4, unit_float};
 use glam::{DVec3, Vec3, Vec3A};
 use headbox_scene::scene::Scene;
-use obvhs::bvh2::builder::build_bvh2;
+use obvhs::bvh2::leaf_collapser::collapse;
+use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
 use obvhs::bvh2::{Bvh2, node::Bvh2Node};
-use obvhs::ploc::{PlocSearchDistance, SortPrecision};
-use obvhs::{BvhBuildParams, triangle::Triangle};
+use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
+use obvhs::triangle::Triangle;
 use rayon::prelude::*;
-use std::time::Duration;
 
-/// Parameters of the binary tree (docs/decisions/0021). `pre_split` would put a triangle into
-/// several leaves; a hit would then depend on which of them is visited first (rule 3 of [`super`]).
-const PARAMS: BvhBuildParams = BvhBuildParams {
-    pre_split: false,
-    ploc_search_distance: PlocSearchDistance::Medium,
-    search_depth_threshold: 3,
-    reinsertion_batch_ratio: 0.1,
-    post_collapse_reinsertion_batch_ratio_multiplier: 0.0,
-    sort_precision: SortPrecision::U64,
-    max_prims_per_leaf: BLOCK as u32,
-    collapse_traversal_cost: 10.0,
-};
+/// Share of the nodes that are moved to better places in the first round (docs/decisions/0021).
+const REINSERTED_SHARE: f32 = 0.1;
+/// Number of nodes that a ray through the scene's box may visit on average for nodes to be moved:
+/// the search for a better place visits as many. Where nearly all boxes contain one point, that
+/// would be nearly all nodes (docs/decisions/0069).
+const MAX_VISITED: f64 = 16_384.0;
 
 /// Returns the positions of a triangle's vertices relative to `origin`; `None` if an index is out
 /// of range.
@@ -78,7 +72,7 @@ pub(super) fn build(scene: &Scene, origin: DVec3, cutouts: &Cutouts) -> Tree {
         .par_iter()
         .map(|(primitive, triangle)| jitter(*primitive, triangle))
         .collect();
-    let binary = build_bvh2(&triangles, PARAMS, &mut Duration::default());
+    let binary = build_binary(&triangles);
     let has_cutout = |primitive: u32| cutouts.has(scene.triangles[primitive as usize].material);
     let single_sided = |primitive: u32| is_single_sided(scene, primitive);
     Collapse {
@@ -89,6 +83,31 @@ pub(super) fn build(scene: &Scene, origin: DVec3, cutouts: &Cutouts) -> Tree {
         tree: Tree::default(),
     }
     .run()
+}
+
+/// Builds the binary tree. Boxes are not split: a triangle would be in several leaves, and a hit
+/// would depend on which of them is visited first (rule 3 of [`super`]).
+fn build_binary(triangles: &[Triangle]) -> Bvh2 {
+    const SEARCH_DEPTH_THRESHOLD: usize = 3;
+    const TRAVERSAL_COST: f32 = 10.0;
+    let mut tree = PlocBuilder::with_capacity(triangles.len()).build(
+        PlocSearchDistance::Medium,
+        triangles,
+        (0..triangles.len() as u32).collect(),
+        SortPrecision::U64,
+        SEARCH_DEPTH_THRESHOLD,
+    );
+    if visited_nodes(&tree) <= MAX_VISITED {
+        ReinsertionOptimizer::default().run(&mut tree, REINSERTED_SHARE, None);
+    }
+    collapse(&mut tree, BLOCK as u32, TRAVERSAL_COST);
+    tree
+}
+
+/// Average number of nodes that a random line through the box of a tree meets.
+fn visited_nodes(tree: &Bvh2) -> f64 {
+    let area = |node: &Bvh2Node| f64::from(node.aabb().half_area());
+    tree.nodes.iter().map(area).sum::<f64>() / area(&tree.nodes[0])
 }
 
 /// Moves a triangle by a small share of its size, at random. Clustering joins two boxes that are
@@ -234,5 +253,34 @@ impl Collapse<'_> {
                 }
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{MAX_VISITED, build_binary, jitter, visited_nodes};
+    use glam::Vec3;
+    use obvhs::triangle::Triangle;
+
+    /// Number of nodes that a line through the box of a tree visits. `place` returns the size and
+    /// the offset of a triangle by its number.
+    fn visited(place: impl Fn(f32) -> (f32, Vec3)) -> f64 {
+        let corners = [[1.0, 0.0, -0.5], [-0.5, 0.8, -0.5], [-0.5, -0.8, 1.0]].map(Vec3::from);
+        let triangles: Vec<Triangle> = (0..60_000_u16)
+            .map(|i| {
+                let (size, offset) = place(f32::from(i));
+                jitter(i.into(), &corners.map(|corner| corner * size + offset))
+            })
+            .collect();
+        visited_nodes(&build_binary(&triangles))
+    }
+
+    /// Nodes of such trees are not moved: it would take minutes.
+    #[test]
+    fn lines_visit_most_nodes_of_concentric_boxes() {
+        let concentric = visited(|i| (1.0 + i * 1e-5, Vec3::ZERO));
+        assert!(concentric > MAX_VISITED, "concentric: {concentric}");
+        let on_line = visited(|i| (1.0, Vec3::splat(i)));
+        assert!(on_line < 64.0, "on a line: {on_line}");
     }
 }
