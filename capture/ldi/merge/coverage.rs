@@ -13,8 +13,8 @@
 //! covers its whole pixel. Cheaper estimates cannot distinguish a rim from a surface that few rays
 //! hit (docs/decisions/0020). Triangles smaller than a pixel, such as far leaves, gravel or chain
 //! link, have rims that no neighbour betrays, because it holds other ones at the same depth. A ray
-//! through each pixel finds them: a block of pixels in which one passes a surface without a rim is
-//! measured as a whole, with [`SPARSE_PACKETS`] times as many rays (docs/decisions/0068). What its
+//! through each pixel finds them: a block of pixels in which one passes a surface without a rim, or
+//! in which most of those through rims pass, is measured as a whole, with [`SPARSE_PACKETS`] times as many rays (docs/decisions/0068). What its
 //! rays meet where the capture met nothing counts for the block's samples (docs/decisions/0071).
 
 use glam::Vec3;
@@ -148,14 +148,14 @@ impl AlphaMeasure<'_> {
         }
         let has_rim =
             |&[x, y]: &[u32; 2]| self.face.pixel(x, y).iter().any(|it| self.is_rim(x, y, it));
-        if passed.is_empty() || !passed.iter().all(has_rim) {
-            return !passed.is_empty();
+        if !passed.iter().all(has_rim) {
+            return true;
         }
         let nearest_is_rim = |&&[x, y]: &&[u32; 2]| {
             let nearest = self.face.pixel(x, y).last();
             nearest.is_some_and(|sample| self.is_rim(x, y, sample))
         };
-        2 * passed.len() > filled.iter().filter(nearest_is_rim).count()
+        !passed.is_empty() && 2 * passed.len() > filled.iter().filter(nearest_is_rim).count()
     }
 
     /// Returns true if a ray through a pixel that ends at eye depth `t` passed the nearest surface:
