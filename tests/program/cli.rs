@@ -3,7 +3,7 @@
 
 use super::run::{fails, headbox, json, refused, succeeds};
 use std::path::Path;
-use std::process::{Command, Stdio};
+use std::process::{Child, Command, Stdio};
 
 /// A small capture of the bump scene.
 const CAPTURE: [&str; 10] = [
@@ -568,15 +568,15 @@ fn window_without_display_exits_1_with_one_message() {
 
 #[test]
 fn closed_pipe_ends_program_quietly() {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_headbox"));
-    let mut child = command
+    let (reader, writer) = std::io::pipe().expect("a pipe");
+    drop(reader);
+    let output = Command::new(env!("CARGO_BIN_EXE_headbox"))
         .arg("scenes")
-        .stdout(Stdio::piped())
+        .stdout(writer)
         .stderr(Stdio::piped())
         .spawn()
-        .expect("the program starts");
-    drop(child.stdout.take());
-    let output = child.wait_with_output().expect("the program ends");
+        .and_then(Child::wait_with_output)
+        .expect("the program runs");
     assert_eq!(
         (
             output.status.code(),

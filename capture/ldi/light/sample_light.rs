@@ -50,7 +50,8 @@ const ENOUGH_LEVELS: f32 = 0.5;
 
 /// The gathered light samples of a face.
 pub(crate) struct FaceLightSamples {
-    gathered: Vec<GatheredLight>,
+    /// The gathered light of each surface sample.
+    pub(crate) gathered: Vec<GatheredLight>,
     blocks: Blocks,
     classes: ClassStatistics,
 }

@@ -2,6 +2,7 @@
 
 use super::merged_face::MergedFace;
 use crate::capture::{SceneCapture, stage};
+use crate::light::pool::GatheredLight;
 use crate::light::sample_light::{FaceLightSamples, ROUNDS, pool_light, sample_light};
 use crate::light::shade::Shader;
 use crate::merge::clusters::merge_pixel;
@@ -15,7 +16,9 @@ use headbox_cube::model::info::CaptureInfo;
 use headbox_cube::model::parameters::Sampler;
 use headbox_cube::model::samples::CubeSamples;
 use headbox_trace::viewpoint::suggest_view;
-use std::io;
+use std::fs::File;
+use std::io::{self, BufReader, BufWriter, Read, Seek, Write};
+use std::path::Path;
 
 /// Lights and merges traced rays into a cube LDI.
 ///
@@ -108,8 +111,53 @@ struct CubeLight {
 enum PendingFace {
     /// All surface samples.
     Surfaces(FaceSurfaces),
-    /// Only the direct light of the sun of each, if memory is limited; the rest is built again.
-    Sun(Vec<Vec3>),
+    /// Their light on disk, if memory is limited; the rest is built again.
+    Spilled(SpilledLight),
+}
+
+/// The light of the surface samples of a face, in a file that vanishes with the process.
+struct SpilledLight(File);
+
+/// The light of one surface sample, as it is spilled.
+#[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(C)]
+struct LightRecord {
+    sun: Vec3,
+    gathered: GatheredLight,
+}
+
+impl SpilledLight {
+    /// Moves the gathered light of a face, and a copy of its sunlight, to a file in `folder`.
+    fn write(
+        surfaces: &FaceSurfaces,
+        light: &mut FaceLightSamples,
+        folder: &Path,
+    ) -> io::Result<Self> {
+        let mut file = BufWriter::new(tempfile::tempfile_in(folder)?);
+        for (sample, gathered) in surfaces
+            .samples
+            .iter()
+            .zip(std::mem::take(&mut light.gathered))
+        {
+            let sun = sample.sun;
+            file.write_all(bytemuck::bytes_of(&LightRecord { sun, gathered }))?;
+        }
+        file.rewind()?;
+        Ok(Self(file.into_inner()?))
+    }
+
+    /// Moves the light back.
+    fn read(&self, surfaces: &mut FaceSurfaces, light: &mut FaceLightSamples) -> io::Result<()> {
+        let mut file = BufReader::new(&self.0);
+        light.gathered.reserve_exact(surfaces.samples.len());
+        for sample in &mut surfaces.samples {
+            let mut record: LightRecord = bytemuck::Zeroable::zeroed();
+            file.read_exact(bytemuck::bytes_of_mut(&mut record))?;
+            sample.sun = record.sun;
+            light.gathered.push(record.gathered);
+        }
+        Ok(())
+    }
 }
 
 impl CubeLight {
@@ -122,29 +170,26 @@ impl CubeLight {
         };
         for face in Face::ALL {
             let mut surfaces = unlit.build(face, None)?;
-            light
-                .samples
-                .push(sample_light(&mut surfaces, face, unlit.shader));
+            let mut samples = sample_light(&mut surfaces, face, unlit.shader);
             check_cancelled(options.progress)?;
-            light.pending.push(if options.budget.is_some() {
-                PendingFace::Sun(surfaces.samples.iter().map(|sample| sample.sun).collect())
-            } else {
-                PendingFace::Surfaces(surfaces)
+            light.pending.push(match options.spill_budget() {
+                Some((_, folder)) => {
+                    PendingFace::Spilled(SpilledLight::write(&surfaces, &mut samples, folder)?)
+                }
+                None => PendingFace::Surfaces(surfaces),
             });
+            light.samples.push(samples);
         }
         Ok(light)
     }
 
-    /// The lit surface samples of a face, whose light can be pooled once.
+    /// The lit surface samples of a face, which can be taken once.
     fn pool_face(&mut self, unlit: &UnlitFaces, face: Face) -> io::Result<FaceSurfaces> {
-        let pooled = PendingFace::Sun(Vec::new());
-        let mut surfaces = match std::mem::replace(&mut self.pending[face.index()], pooled) {
-            PendingFace::Surfaces(surfaces) => surfaces,
-            PendingFace::Sun(sun) => {
+        let mut surfaces = match &mut self.pending[face.index()] {
+            PendingFace::Surfaces(surfaces) => std::mem::take(surfaces),
+            PendingFace::Spilled(light) => {
                 let mut surfaces = unlit.build(face, None)?;
-                for (sample, sun) in surfaces.samples.iter_mut().zip(sun) {
-                    sample.sun = sun;
-                }
+                light.read(&mut surfaces, &mut self.samples[face.index()])?;
                 surfaces
             }
         };

@@ -92,22 +92,16 @@ impl TestView {
     }
 }
 
-/// Missing surfaces in test views.
+/// Views that were compared with the scene.
 #[derive(Default)]
-pub(super) struct ViewFindings {
+pub(super) struct TestedViews {
     /// The views, each with its share of lacking pixels.
-    views: Vec<(f64, TestView)>,
-    /// The hits of rays through lacking pixels.
-    pub(super) aimed: Vec<Sample>,
+    pub(super) views: Vec<(f64, TestView)>,
+    /// Number of rays through lacking pixels whose hits were added.
+    pub(super) aimed_rays: u64,
 }
 
-impl ViewFindings {
-    pub(super) fn join(mut self, other: Self) -> Self {
-        self.views.extend(other.views);
-        self.aimed.extend(other.aimed);
-        self
-    }
-
+impl TestedViews {
     /// Mean share of lacking pixels over the views.
     pub(super) fn share(&self) -> f64 {
         self.views.iter().map(|(share, _)| share).sum::<f64>() / self.views.len().max(1) as f64
@@ -155,12 +149,13 @@ pub(super) struct ViewTest<'a> {
 }
 
 impl ViewTest<'_> {
-    /// Renders a view and compares it with a ray through the middle of each pixel.
-    pub(super) fn run(&self, view: TestView, renderer: &mut Renderer) -> ViewFindings {
+    /// Renders a view and compares it with a ray through the middle of each pixel. Returns the share
+    /// of lacking pixels, and the hits of rays through pixels that lack what these hit.
+    pub(super) fn run(&self, view: &TestView, renderer: &mut Renderer) -> (f64, Vec<Sample>) {
         let (frame, fronts) = renderer.render_with_fronts(self.cube, &view.camera);
         let side = view.camera.width();
         let mut hits = vec![None; (side * side) as usize];
-        let rays = ViewRays::new(&view, self.router.tracer.origin(), self.half_size_m);
+        let rays = ViewRays::new(view, self.router.tracer.origin(), self.half_size_m);
         rays.trace(self.router.tracer, &mut hits);
         let mut lacking = 0u32;
         let mut aimed = Vec::new();
@@ -203,10 +198,7 @@ impl ViewTest<'_> {
             };
             aimed.push(self.router.sample(&unit_ray, &hit, key));
         }
-        ViewFindings {
-            views: vec![(f64::from(lacking) / f64::from(side * side), view)],
-            aimed,
-        }
+        (f64::from(lacking) / f64::from(side * side), aimed)
     }
 }
 

@@ -2,7 +2,6 @@
 //! After more rays, only the pixels that they hit are rebuilt.
 
 use super::pixel_set::PixelSet;
-use crate::accumulate::accumulator::Sample;
 use crate::capture::SceneCapture;
 use crate::light::shade::Shader;
 use crate::merge::clusters::merge_pixel;
@@ -45,8 +44,8 @@ impl GeometryCube {
         Ok(geometry)
     }
 
-    /// Rebuilds the depth pixels that `samples`, which were added to `tracing` since the last
-    /// build, have changed. The result equals that of [`Self::build`].
+    /// Rebuilds the depth pixels that samples in the pixels `hit` of each face, which were added to
+    /// `tracing` since the last build, have changed. The result equals that of [`Self::build`].
     ///
     /// # Errors
     /// See [`Self::build`].
@@ -54,18 +53,13 @@ impl GeometryCube {
         &mut self,
         capture: &SceneCapture,
         tracing: &TracedRays,
-        samples: &[Sample],
+        hit: &[PixelSet],
     ) -> io::Result<()> {
         self.cube.environment = tracing.environment_mask.environment(capture.lighting);
         for face in Face::ALL {
-            let mut hit = PixelSet::new(capture.spec.face_size_px);
-            let mut on_face = samples
-                .iter()
-                .filter(|sample| sample.face == face)
-                .peekable();
-            if on_face.peek().is_some() {
-                on_face.for_each(|sample| hit.insert(sample.x.into(), sample.y.into()));
-                self.build_face(capture, tracing, face, Some(&hit))?;
+            let hit = &hit[face.index()];
+            if !hit.is_empty() {
+                self.build_face(capture, tracing, face, Some(hit))?;
             }
         }
         Ok(())
@@ -131,6 +125,7 @@ impl GeometryCube {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::accumulate::accumulator::Sample;
     use crate::accumulate::tile_store::InsertScratch;
     use crate::rays::trace_and_accumulate::HitRouter;
     use crate::scene_source::SceneSource;
@@ -184,7 +179,11 @@ mod tests {
                 .store
                 .insert(&samples, &mut InsertScratch::default())
                 .unwrap();
-            geometry.update(&capture, &tracing, &samples).unwrap();
+            let mut hit: Vec<PixelSet> = Face::ALL.map(|_| PixelSet::new(70)).into();
+            for sample in &samples {
+                hit[sample.face.index()].insert(sample.x.into(), sample.y.into());
+            }
+            geometry.update(&capture, &tracing, &hit).unwrap();
             let expected = GeometryCube::build(&capture, &tracing).unwrap();
             assert!(
                 geometry.cube == expected.cube && geometry.spans == expected.spans,

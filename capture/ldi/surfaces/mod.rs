@@ -9,7 +9,7 @@
 
 pub(crate) mod distribute;
 pub(crate) mod geometry_pass;
-mod pixel_set;
+pub(crate) mod pixel_set;
 pub(crate) mod repair;
 pub(crate) mod rows;
 pub(crate) mod surface_samples;

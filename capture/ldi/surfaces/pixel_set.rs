@@ -8,7 +8,7 @@ pub(crate) struct PixelSet {
 
 impl PixelSet {
     /// The empty set of a face of `size_px` pixels along a side.
-    pub(super) fn new(size_px: u32) -> Self {
+    pub(crate) fn new(size_px: u32) -> Self {
         Self {
             size_px,
             contained: vec![false; (size_px as usize).pow(2)],
@@ -16,9 +16,14 @@ impl PixelSet {
     }
 
     /// Adds pixel (x, y).
-    pub(super) fn insert(&mut self, x: u32, y: u32) {
+    pub(crate) fn insert(&mut self, x: u32, y: u32) {
         let index = self.index(x, y);
         self.contained[index] = true;
+    }
+
+    /// Returns true if the set contains no pixel.
+    pub(super) fn is_empty(&self) -> bool {
+        !self.contained.contains(&true)
     }
 
     /// Returns true if the set contains pixel (x, y), which may lie beyond the face.

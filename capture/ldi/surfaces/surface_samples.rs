@@ -5,6 +5,7 @@ use rayon::prelude::*;
 use std::ops::Range;
 
 /// The surface samples of a face, by pixel.
+#[derive(Default)]
 pub(crate) struct FaceSurfaces {
     /// Pixels along a side.
     pub size_px: u32,

@@ -58,8 +58,9 @@ use surface_key::SurfaceKey;
 use window::FEW_SAMPLES;
 
 /// Sums over the light samples of a surface sample.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct GatheredLight {
+#[derive(Clone, Copy, Debug, Default, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(C)]
+pub(crate) struct GatheredLight {
     /// Sum of the samples, exposed.
     pub(super) light: Vec3,
     /// Sum of their squared luminances.
