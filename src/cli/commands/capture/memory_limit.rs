@@ -17,8 +17,8 @@ const FIXED_BYTES: f64 = 24e6;
 const SPILLED_BYTES: f64 = 95.0;
 
 /// Peak memory for each depth pixel, bytes, when the surface samples of all faces wait to be lit:
-/// 145 to 190 in three scenes.
-const MEMORY_BYTES: f64 = 175.0;
+/// 170 to 283 in captures of two scenes, on two threads.
+const MEMORY_BYTES: f64 = 250.0;
 
 /// Limit of the memory of a capture.
 #[derive(Clone, Copy, Debug)]
@@ -158,7 +158,7 @@ mod tests {
     #[test]
     fn estimate_is_limit_only_where_that_can_be_kept() {
         let peak = |megabytes: u64, threads| limit(megabytes).peak_bytes(1e6, threads) / 1e6;
-        assert_eq!(peak(1000, 4), 249.0, "less than the limit");
+        assert_eq!(peak(1000, 4), 324.0, "less than the limit");
         assert_eq!(peak(220, 2), 220.0, "spills");
         assert_eq!(peak(150, 1), 169.0, "cannot be kept");
     }
