@@ -144,8 +144,8 @@ impl RangeError {
 /// bytes of the result.
 #[derive(Clone)]
 pub struct RunOptions<'a> {
-    /// Memory budget for accumulators in bytes, and the folder to which the rest is spilled, with the
-    /// light of faces that wait for others; no limit by default.
+    /// Memory budget for accumulators in bytes, and the folder to which the rest is spilled, with
+    /// the light of faces that wait for others; no limit by default.
     pub budget: Option<(u64, PathBuf)>,
     /// Part `.0` (from 0) of `.1`: only this share of the rays is traced. Part 0 of 1 by default.
     pub shard: (u32, u32),

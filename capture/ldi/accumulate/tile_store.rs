@@ -385,9 +385,9 @@ impl InsertScratch {
     }
 }
 
-/// Locks a mutex even if it is poisoned: a panic on another thread ends the capture, and its
-/// half-done tile is never read.
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+/// Locks a mutex even if it is poisoned: a panic on another thread ends the capture, and what it
+/// left half done is never read.
+pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 

@@ -14,8 +14,9 @@
 //! hit (docs/decisions/0020). Triangles smaller than a pixel, such as far leaves, gravel or chain
 //! link, have rims that no neighbour betrays, because it holds other ones at the same depth. A ray
 //! through each pixel finds them: a block of pixels in which one passes a surface without a rim, or
-//! in which most of those through rims pass, is measured as a whole, with [`SPARSE_PACKETS`] times as many rays (docs/decisions/0068). What its
-//! rays meet where the capture met nothing counts for the block's samples (docs/decisions/0071).
+//! in which most of those through rims pass, is measured as a whole, with [`SPARSE_PACKETS`] times
+//! as many rays (docs/decisions/0068). What its rays meet where the capture met nothing counts for
+//! the block's samples (docs/decisions/0071).
 
 use glam::Vec3;
 use headbox_cube::model::depth_bins::DepthBins;

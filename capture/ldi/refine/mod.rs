@@ -4,18 +4,17 @@
 //! reach; each missing sample is a speck in every frame that sees it. A round renders views from
 //! all over the headbox with the renderer of all frames and traces a ray through the middle of each
 //! pixel. A pixel that does not show the surface that its ray hits is *lacking*: the hit becomes a
-//! sample like any other, at once, so that a round needs no memory for its hits. The rounds end when
-//! the share of lacking pixels in views from new places, plus its standard error, is at most
-//! [`CaptureParameters::holes`](headbox_cube::model::parameters::CaptureParameters::holes).
+//! sample like any other, at once, so that a round does not keep its hits (docs/decisions/0072). The
+//! rounds end when the share of lacking pixels in views from new places, plus its standard error, is
+//! at most [`CaptureParameters::holes`](headbox_cube::model::parameters::CaptureParameters::holes).
 //!
-//! A round is a pure function of the accumulators and the seed: its views are compared with the cube
-//! as it was before the round, and their hits add sums of integers to the accumulators.
-//! So the same rays are aimed on any number of threads, within any memory budget, and after any
-//! merge of shards.
+//! A round is a pure function of the accumulators before it and the seed: its views are compared
+//! with the cube of those accumulators, and their hits add sums of integers to them. So the same
+//! rays are aimed on any number of threads, within any memory budget, and after any merge of shards.
 
 mod test_view;
 
-use crate::accumulate::tile_store::InsertScratch;
+use crate::accumulate::tile_store::{InsertScratch, lock};
 use crate::capture::{SceneCapture, stage};
 use crate::rays::trace_and_accumulate::{HitRouter, TracedRays};
 use crate::refine::test_view::{TestView, TestedViews, ViewTest};
@@ -155,10 +154,7 @@ impl<'a> HoleSearch<'a> {
             check_cancelled(progress)?;
             let (share, aimed) = test.run(&view, renderer);
             self.tracing.store.insert(&aimed, scratch)?;
-            let mut hit_pixels = self
-                .hit_pixels
-                .lock()
-                .unwrap_or_else(PoisonError::into_inner);
+            let mut hit_pixels = lock(&self.hit_pixels);
             for sample in &aimed {
                 hit_pixels[sample.face.index()].insert(sample.x.into(), sample.y.into());
             }

@@ -12,8 +12,8 @@ const THREAD_BYTES_PER_PX: u64 = 20_000;
 /// Memory of a capture on one thread that does not grow with its samples, bytes.
 const FIXED_BYTES: f64 = 24e6;
 
-/// Peak memory of each depth pixel if samples are spilled, bytes: the surface samples of a face, and
-/// the LDI. 81 to 106 in three scenes.
+/// Peak memory for each depth pixel if samples are spilled, bytes: the surface samples of a face,
+/// and the LDI. 81 to 106 in three scenes.
 const SPILLED_BYTES: f64 = 95.0;
 
 /// Peak memory for each depth pixel, bytes, when the surface samples of all faces wait to be lit:
