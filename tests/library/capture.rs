@@ -25,7 +25,7 @@ use headbox_ldi::rays::trace_and_accumulate::{TracedRays, blocked_share};
 use headbox_ldi::scene_source::SceneSource;
 use headbox_ldi::spec::{CaptureSpec, RunOptions};
 use headbox_scene::material::Material;
-use headbox_scene::scene::{Scene, Sky, SkyGradient, Sun, Triangle};
+use headbox_scene::scene::{Lamp, Reach, Scene, Sky, SkyGradient, Sun, Triangle};
 use headbox_trace::bvh::Tracer;
 use headbox_trace::light::{LightSample, Lighting, LitPoint};
 use std::path::PathBuf;
@@ -132,7 +132,15 @@ fn file_bytes(ldi: &CubeSamples) -> Vec<u8> {
 
 #[test]
 fn bytes_independent_of_threads_budget_shards() {
-    let scene = room();
+    let mut scene = Arc::unwrap_or_clone(room());
+    scene.lamps.push(Lamp {
+        intensity: [0.4; 3],
+        reach: Reach::Point {
+            position: dvec3(0.5, 0.6, 0.4),
+            range_m: f32::INFINITY,
+        },
+    });
+    let scene = Arc::new(scene);
     let spec = spec();
     let on_threads = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new()
@@ -249,6 +257,12 @@ fn holes_are_filled_on_any_threads_and_shards() {
     assert!(
         bytes == file_bytes(&merged_from_shards(&filled, &scene, None)),
         "four shards"
+    );
+    let dir = tempfile::tempdir().unwrap();
+    let budget = Some((1 << 20, dir.path().to_path_buf()));
+    assert!(
+        bytes == file_bytes(&capture_within(&filled, &scene, budget)),
+        "spilled to disk"
     );
 }
 
