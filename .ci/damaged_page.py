@@ -13,6 +13,8 @@ import tempfile
 import time
 
 WAIT_S = 30
+# The viewer may still be loading when the page is said to be damaged; it must not say otherwise afterwards.
+SETTLE_S = 2
 SHOWN = "document.body ? document.body.innerText : ''"
 
 
@@ -69,6 +71,8 @@ def main():
                 while time.time() - started < WAIT_S and ("damaged" not in text or "Loading" in text):
                     time.sleep(0.2)
                     text = chromium.evaluate(SHOWN) or ""
+                time.sleep(SETTLE_S)
+                text = chromium.evaluate(SHOWN) or ""
                 said = [line for line in text.splitlines() if "damaged" in line]
                 silent += not said or "Loading" in text
                 print(f"{name}: {said[0] if said else f'NOTHING IS SAID: {text!r}'}", flush=True)

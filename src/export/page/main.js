@@ -12,7 +12,8 @@ const SLOW_MS = 45;
 const STILL_MS = 160;
 
 const byId = (id) => document.getElementById(id);
-const say = (text) => (byId('status').textContent = text);
+/** Says something; what the watchdog found stays. */
+const say = (text) => (byId('status').textContent = document.body.dataset.damage ?? text);
 
 class Page {
   constructor() {
@@ -154,11 +155,11 @@ class Page {
   }
 }
 
-/** Says what went wrong, or what the watchdog found; the poster stays. */
+/** Says what went wrong; the poster stays. */
 function fail(error) {
   document.body.classList.add('failed');
   byId('progress').hidden = true;
-  say(document.body.dataset.damage ?? error.message);
+  say(error.message);
   byId('status').setAttribute('role', 'alert');
 }
 
