@@ -21,6 +21,7 @@ macro_rules! bail_usage {
     ($($text:tt)*) => { return Err($crate::messages::UsageError(format!($($text)*)).into()) };
 }
 
+mod allocator;
 mod args;
 mod commands;
 mod help;
@@ -114,23 +115,39 @@ enum Command {
 /// Runs the command line of this process and returns its exit code: 0 for success, 1 for failure,
 /// 2 for wrong usage.
 pub fn main() -> ExitCode {
-    run_command(std::env::args_os())
+    parse(std::env::args_os()).map_or_else(
+        |code| code,
+        |cli| {
+            if cli.memory.is_some() {
+                allocator::return_freed_memory();
+            }
+            finish(cli)
+        },
+    )
 }
 
 /// Runs a command line, the name of the program first, and returns its exit code. Wrong usage ends
 /// the process.
 pub fn run_command(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
+    parse(arguments).map_or_else(|code| code, finish)
+}
+
+/// Parses a command line, or prints its help and returns the exit code. Wrong usage ends the
+/// process.
+fn parse(arguments: impl IntoIterator<Item = OsString>) -> Result<Cli, ExitCode> {
     let parsed = command_line().try_get_matches_from(help::arguments(arguments));
-    let cli = match parsed.and_then(|matches| Cli::from_arg_matches(&matches)) {
-        Ok(cli) => cli,
+    match parsed.and_then(|matches| Cli::from_arg_matches(&matches)) {
+        Ok(cli) => Ok(cli),
         Err(error) if error.use_stderr() => error.exit(),
-        Err(help) => {
-            return match output::check_stdout().and_then(|()| help.print()) {
-                Ok(()) => output::flush(),
-                Err(error) => output::report_failure(&error),
-            };
-        }
-    };
+        Err(help) => Err(match output::check_stdout().and_then(|()| help.print()) {
+            Ok(()) => output::flush(),
+            Err(error) => output::report_failure(&error),
+        }),
+    }
+}
+
+/// Runs a command to its end, reports its error, and returns the exit code.
+fn finish(cli: Cli) -> ExitCode {
     match run(cli) {
         Ok(()) if interrupt::is_requested() => ExitCode::from(interrupt::EXIT_CODE),
         Ok(()) => output::flush(),

@@ -691,3 +691,29 @@ fn decoders_allocate_no_more_than_the_limit() {
         "large.exr: needs 3072 MiB of memory",
     );
 }
+
+/// Needs freed memory back: 70 MiB if the allocator keeps it.
+#[test]
+fn captures_keep_the_memory_limit_or_are_refused() {
+    const LIMIT_MIB: &str = "64";
+    let dir = tempfile::tempdir().unwrap();
+    let command = "capture builtin:interior --strata 6 --rays 4 --light-samples 1";
+    let arguments =
+        |more: [&'static str; 4]| [command.split(' ').collect(), more.to_vec()].concat();
+    let kept = arguments(["-o", "kept.ldi", "--face-size", "128"]);
+    let limit = ["--memory", LIMIT_MIB, "--threads", "8"];
+    let printed = json(dir.path(), &[&kept[..], &limit, &["--json"]].concat());
+    let peak = printed["peak_rss_mb"].as_f64().unwrap();
+    assert!(peak < LIMIT_MIB.parse().unwrap(), "{peak} MiB");
+    succeeds(
+        dir.path(),
+        &arguments(["-o", "free.ldi", "--face-size", "128"]),
+    );
+    let bytes = |name: &str| std::fs::read(dir.path().join(name)).unwrap();
+    assert!(bytes("kept.ldi") == bytes("free.ldi"));
+
+    let refused = arguments(["-o", "refused.ldi", "--face-size", "256"]);
+    let message = "--memory 64: the capture would take about";
+    fails(dir.path(), 2, &[&refused[..], &limit].concat(), message);
+    assert!(!dir.path().join("refused.ldi").exists());
+}

@@ -92,7 +92,7 @@ pub(crate) fn pool_light(
     for light in samples.iter() {
         classes.absorb(&light.classes);
     }
-    let pooled = Pooling::new(surfaces, face).pool(&gathered, &windows, &classes.variances());
+    let pooled = Pooling::new(surfaces, face).pool(gathered, &windows, &classes.variances());
     for (sample, pooled) in surfaces.samples.iter_mut().zip(pooled) {
         sample.soft = pooled.light;
     }

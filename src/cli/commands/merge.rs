@@ -82,10 +82,13 @@ impl MergeCommand {
         let bar = Bar::new();
         let limit = MemoryLimit::new(memory_mb, spec.face_size_px);
         let all_threads = rayon::current_num_threads();
-        // The number of depth pixels is not known yet.
-        let threads = limit.map_or(all_threads, |limit| limit.threads(0.0, all_threads));
+        // Their number is not known yet: about one for each pixel of a face.
+        let depth_pixels = 6.0 * f64::from(spec.face_size_px).powi(2);
+        let threads = limit.map_or(all_threads, |limit| {
+            limit.threads(depth_pixels, all_threads)
+        });
         let options = RunOptions {
-            budget: limit.map(|limit| limit.spill_budget(threads, &self.output)),
+            budget: limit.map(|limit| limit.spill_budget(depth_pixels, threads, &self.output)),
             progress: &bar,
             ..RunOptions::default()
         };

@@ -118,7 +118,7 @@ impl<'a> Pooling<'a> {
     /// of light samples by class.
     pub(super) fn pool(
         &self,
-        gathered: &[GatheredLight],
+        gathered: Vec<GatheredLight>,
         windows: &BlockWindows,
         expected: &[f32],
     ) -> Vec<PooledLight> {
@@ -139,17 +139,11 @@ fn middle(pixel: [u16; 2]) -> [f32; 2] {
 }
 
 /// Statistics of light samples by class of surface.
+#[derive(Default)]
 pub(super) struct ClassStatistics {
-    /// Number, sum of luminances, and sum of squared luminances of each class.
+    /// Number, sum of luminances, and sum of squared luminances of each class, up to the last one
+    /// that has any.
     sums: Vec<DVec3>,
-}
-
-impl Default for ClassStatistics {
-    fn default() -> Self {
-        Self {
-            sums: vec![DVec3::ZERO; 1 << 16],
-        }
-    }
 }
 
 impl ClassStatistics {
@@ -162,20 +156,29 @@ impl ClassStatistics {
             .filter(|(_, g)| g.samples > 0.0)
         {
             let values = [g.samples, luminance(g.light.to_array()), g.squares].map(f64::from);
+            statistics.extend(usize::from(class) + 1);
             statistics.sums[usize::from(class)] += DVec3::from_array(values);
         }
         statistics
     }
 
+    /// Extends the statistics to at least this number of classes.
+    fn extend(&mut self, classes: usize) {
+        if self.sums.len() < classes {
+            self.sums.resize(classes, DVec3::ZERO);
+        }
+    }
+
     /// Adds the statistics of another face.
     pub(super) fn absorb(&mut self, other: &Self) {
+        self.extend(other.sums.len());
         for (sums, others) in self.sums.iter_mut().zip(&other.sums) {
             *sums += *others;
         }
     }
 
-    /// Variance of the luminance of single light samples by class of surface; where a class has
-    /// few, mixed with that of all classes.
+    /// Variance of the luminance of single light samples by class of surface, for all classes there
+    /// can be; where a class has few, mixed with that of all classes.
     pub(super) fn variances(&self) -> Vec<f32> {
         let all: DVec3 = self.sums.iter().sum();
         let variance = |sums: DVec3| {
@@ -187,6 +190,9 @@ impl ClassStatistics {
         let class_variance = |sums: &DVec3| {
             ((variance(*sums) * sums.x + variance(all) * few) / (sums.x + few)) as f32
         };
-        self.sums.iter().map(class_variance).collect()
+        let without_samples = class_variance(&DVec3::ZERO);
+        let mut variances: Vec<f32> = self.sums.iter().map(class_variance).collect();
+        variances.resize(1 << 16, without_samples);
+        variances
     }
 }

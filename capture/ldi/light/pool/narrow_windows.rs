@@ -28,11 +28,13 @@ pub(super) struct NarrowWindows<'a> {
 
 impl Pooling<'_> {
     /// Computes the narrowest window of each surface sample.
-    pub(super) fn narrow_windows(&self, gathered: &[GatheredLight]) -> NarrowWindows<'_> {
+    pub(super) fn narrow_windows(&self, gathered: Vec<GatheredLight>) -> NarrowWindows<'_> {
         let mut sums: Vec<Sums> = gathered.par_iter().map(sums).collect();
+        drop(gathered); // as large as the sums of a pass
         for step in (0..LEVELS).map(|level| 1 << level) {
-            let across = self.pass(&sums, [step, 0]);
-            sums = self.pass(&across, [0, step]);
+            for direction in [[step, 0], [0, step]] {
+                sums = self.pass(&sums, direction);
+            }
         }
         NarrowWindows {
             pooling: self,

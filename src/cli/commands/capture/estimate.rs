@@ -61,8 +61,6 @@ pub(crate) struct Estimate {
     /// Number of depth pixels before packing.
     depth_pixels: f64,
     memory_bytes: f64,
-    /// Limit that cannot be kept, bytes.
-    exceeded_limit: Option<f64>,
 }
 
 impl Estimate {
@@ -131,7 +129,6 @@ impl Estimate {
                 .then(|| packed.bytes() as f64 * FILE_SHARE * scale.powf(FILE_POWER)),
             depth_pixels,
             memory_bytes: unlimited_bytes(used_memory, depth_pixels).max(peak_memory),
-            exceeded_limit: None,
         })
     }
 
@@ -140,11 +137,15 @@ impl Estimate {
         self.depth_pixels
     }
 
+    /// Peak memory, bytes.
+    pub(super) fn memory_bytes(&self) -> f64 {
+        self.memory_bytes
+    }
+
     /// Estimates the memory within a limit, on a number of threads.
     pub(super) fn limit_memory(mut self, limit: Option<MemoryLimit>, threads: usize) -> Self {
         if let Some(limit) = limit {
             self.memory_bytes = limit.peak_bytes(self.depth_pixels, threads);
-            self.exceeded_limit = Some(limit.bytes()).filter(|limit| self.memory_bytes > *limit);
         }
         self
     }
@@ -202,7 +203,7 @@ fn rounded(number: f64) -> String {
 
 impl fmt::Display for Estimate {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let [rays, memory] = [self.rays, self.memory_bytes].map(rounded);
+        let rays = rounded(self.rays);
         write!(
             f,
             "about {} in all: {rays} rays, ",
@@ -211,11 +212,8 @@ impl fmt::Display for Estimate {
         if let Some(bytes) = self.file_bytes {
             write!(f, "a file of {}B, ", rounded(bytes))?;
         }
-        write!(f, "{memory}B of memory")?;
-        if let Some(limit) = self.exceeded_limit {
-            write!(f, " although --memory allows {}B", rounded(limit))?;
-        }
-        Ok(())
+        let mib = self.memory_bytes / f64::from(1 << 20);
+        write!(f, "{mib:.0} MiB of memory")
     }
 }
 

@@ -1,6 +1,7 @@
 //! Captures within `--memory`: bytes of accumulators before they are spilled, number of threads.
 
 use super::spill_folder;
+use crate::messages::UsageError;
 use headbox_core::memory;
 use std::path::{Path, PathBuf};
 
@@ -10,11 +11,12 @@ use std::path::{Path, PathBuf};
 const THREAD_BYTES_PER_PX: u64 = 20_000;
 
 /// Memory of a capture on one thread that does not grow with its samples, bytes.
-const FIXED_BYTES: f64 = 24e6;
+const FIXED_BYTES: f64 = 20e6;
 
-/// Peak memory for each depth pixel if samples are spilled, bytes: the surface samples of a face,
-/// and the LDI. 81 to 106 in three scenes.
-const SPILLED_BYTES: f64 = 95.0;
+/// Peak memory for each depth pixel if samples are spilled and freed memory is returned, bytes: the
+/// surface samples of a face, and the LDI. 59 to 62 on faces of 512 and 1,024 pixels; on smaller
+/// ones less is fixed.
+const SPILLED_BYTES: f64 = 62.0;
 
 /// Peak memory for each depth pixel, bytes, when the surface samples of all faces wait to be lit:
 /// 170 to 283 in captures of two scenes, on two threads.
@@ -25,6 +27,8 @@ const MEMORY_BYTES: f64 = 250.0;
 pub(crate) struct MemoryLimit {
     /// Limit, bytes.
     limit: u64,
+    /// Peak of the resident memory before the capture, bytes: while its scene was loaded.
+    peak: u64,
     /// Resident memory before the capture, with its scene, bytes.
     used: u64,
     face_size_px: u32,
@@ -34,16 +38,14 @@ impl MemoryLimit {
     /// Creates the limit of `--memory`, MiB, for faces of this size; `None` without one. The scene
     /// must be loaded.
     pub(crate) fn new(memory_mb: Option<u64>, face_size_px: u32) -> Option<Self> {
+        let limit = memory_mb? << 20;
+        let [peak, used] = memory::peak_and_resident().unwrap_or_default();
         Some(Self {
-            limit: memory_mb? << 20,
-            used: memory::peak_and_resident().map_or(0, |[_, now]| now),
+            limit,
+            peak,
+            used,
             face_size_px,
         })
-    }
-
-    /// Limit, bytes.
-    pub(crate) fn bytes(&self) -> f64 {
-        self.limit as f64
     }
 
     fn thread_bytes(&self) -> u64 {
@@ -70,21 +72,51 @@ impl MemoryLimit {
         let buffers = self.thread_bytes() * (threads as u64 - 1);
         let unlimited = unlimited_bytes(self.used as f64, depth_pixels);
         let least = (self.least_bytes(depth_pixels) + buffers) as f64;
-        unlimited.min(self.limit as f64).max(least.min(unlimited))
+        let capture = unlimited.min(self.limit as f64).max(least.min(unlimited));
+        capture.max(self.peak as f64)
     }
 
-    /// Bytes of accumulators in memory before they are spilled, and the folder to spill to.
-    pub(crate) fn spill_budget(&self, threads: usize, output: &Path) -> (u64, PathBuf) {
-        /// Least memory for thread buffers, the heads of tiles, and the sorting of a tile.
-        const RESERVE: u64 = 96 << 20;
-        /// The rest is shared with the LDI that grows at the end, while the allocator still holds
-        /// the memory of freed accumulators.
-        const SHARE: u64 = 2;
+    /// Refuses a capture of about this number of depth pixels whose peak, bytes, is beyond the
+    /// limit.
+    ///
+    /// # Errors
+    /// If the limit cannot be kept: which one can, and the face size that fits.
+    pub(crate) fn check(&self, depth_pixels: f64, peak: f64) -> Result<(), UsageError> {
+        if peak <= self.limit as f64 {
+            return Ok(());
+        }
+        let fixed = self.used as f64 + FIXED_BYTES;
+        let share = (self.limit as f64 - fixed) / (SPILLED_BYTES * depth_pixels);
+        let fits = (f64::from(self.face_size_px) * share.max(0.0).sqrt()).floor();
+        let smaller = if fits >= 1.0 && self.peak <= self.limit {
+            format!(" or --face-size {fits}")
+        } else {
+            String::new()
+        };
+        let mib = (peak / f64::from(1 << 20)).ceil();
+        bail_usage!(
+            "--memory {}: the capture would take about {mib} MiB even if its samples are spilled; \
+             set --memory {mib}{smaller}",
+            self.limit >> 20
+        );
+    }
+
+    /// Bytes of accumulators in memory before they are spilled, and the folder to spill to, for a
+    /// capture of about this number of depth pixels. The allocator keeps the memory of spilled
+    /// ones, which are small, while the LDI grows.
+    pub(crate) fn spill_budget(
+        &self,
+        depth_pixels: f64,
+        threads: usize,
+        output: &Path,
+    ) -> (u64, PathBuf) {
         /// Least budget: smaller ones spill most of the time.
-        const LEAST: u64 = 16 << 20;
-        let reserve = RESERVE.max(self.thread_bytes() * threads as u64);
-        let left = self.limit.saturating_sub(self.used + reserve);
-        ((left / SHARE).max(LEAST), spill_folder(output))
+        const LEAST: u64 = 12 << 20;
+        let buffers = self.thread_bytes() * (threads as u64 - 1);
+        let left = self
+            .limit
+            .saturating_sub(self.least_bytes(depth_pixels) + buffers);
+        (left.max(LEAST), spill_folder(output))
     }
 
     /// Warns if the process has taken more than the limit.
@@ -131,6 +163,7 @@ mod tests {
     fn limit(megabytes: u64) -> MemoryLimit {
         MemoryLimit {
             limit: megabytes * 1_000_000,
+            peak: 60_000_000,
             used: 50_000_000,
             face_size_px: 1000,
         }
@@ -138,12 +171,12 @@ mod tests {
 
     #[test]
     fn threads_fit_beside_samples() {
-        // 50 MB, 24 MB and 95 MB on one thread.
+        // 50 MB, 20 MB and 62 MB on one thread.
         for (megabytes, most, expected) in [
-            (150, 16, 1),
-            (188, 16, 1),
-            (190, 16, 2),
-            (210, 16, 3),
+            (120, 16, 1),
+            (151, 16, 1),
+            (153, 16, 2),
+            (173, 16, 3),
             (1000, 16, 16),
             (300, 2, 2),
         ] {
@@ -158,9 +191,31 @@ mod tests {
     #[test]
     fn estimate_is_limit_only_where_that_can_be_kept() {
         let peak = |megabytes: u64, threads| limit(megabytes).peak_bytes(1e6, threads) / 1e6;
-        assert_eq!(peak(1000, 4), 324.0, "less than the limit");
+        assert_eq!(peak(1000, 4), 320.0, "less than the limit");
         assert_eq!(peak(220, 2), 220.0, "spills");
-        assert_eq!(peak(150, 1), 169.0, "cannot be kept");
+        assert_eq!(peak(120, 1), 132.0, "cannot be kept");
+        let large_scene = MemoryLimit {
+            peak: 400_000_000,
+            ..limit(220)
+        };
+        assert_eq!(large_scene.peak_bytes(1e6, 1), 400e6, "was exceeded before");
+    }
+
+    #[test]
+    fn capture_beyond_limit_is_refused() {
+        let check = |limit: MemoryLimit| {
+            let peak = limit.peak_bytes(1e6, 1);
+            limit.check(1e6, peak).map_err(|error| error.to_string())
+        };
+        assert_eq!(check(limit(133)), Ok(()));
+        // 120 MB are 114 MiB, 132 MB are 126 MiB; 50 of 62 MB are left for the samples.
+        assert_eq!(
+            check(limit(120)).expect_err("12 MB too much"),
+            "--memory 114: the capture would take about 126 MiB even if its samples are spilled; \
+             set --memory 126 or --face-size 898"
+        );
+        let message = check(limit(69)).expect_err("not even without samples");
+        assert!(message.ends_with("set --memory 126"), "{message}");
     }
 
     #[test]

@@ -231,9 +231,15 @@ impl CaptureCommand {
         });
         let estimate = estimate.limit_memory(limit, threads);
         eprintln!("estimate: {estimate}");
+        if let Some(limit) = limit
+            && self.shard.is_none()
+        {
+            limit.check(estimate.depth_pixels(), estimate.memory_bytes())?;
+        }
         let bar = Bar::planned(estimate.plan(), true);
         let options = RunOptions {
-            budget: limit.map(|limit| limit.spill_budget(threads, &self.output)),
+            budget: limit
+                .map(|limit| limit.spill_budget(estimate.depth_pixels(), threads, &self.output)),
             shard,
             progress: &bar,
         };
