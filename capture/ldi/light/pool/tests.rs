@@ -34,7 +34,7 @@ fn pool_face(face: &FaceSurfaces, gathered: &[GatheredLight]) -> Vec<PooledLight
     blocks.fill(&membership, gathered);
     let windows = BlockWindows::new(Face::NegZ, face.size_px, &blocks, [None; 6]);
     pooling.pool(
-        gathered,
+        gathered.to_vec(),
         &windows,
         &ClassStatistics::new(&face.classes(), gathered).variances(),
     )
@@ -234,7 +234,7 @@ fn step_at_border(reaches_across: bool) -> f32 {
         let others = Face::ALL.map(|face| blocks.get(face.index()).filter(|_| reaches_across));
         let windows = BlockWindows::new(*face, surfaces.size_px, &blocks[face.index()], others);
         let expected = ClassStatistics::new(&surfaces.classes(), gathered).variances();
-        let pooled = Pooling::new(surfaces, *face).pool(gathered, &windows, &expected);
+        let pooled = Pooling::new(surfaces, *face).pool(gathered.clone(), &windows, &expected);
         // The last column of the one face meets the first of the other.
         let x = if *face == Face::NegZ {
             surfaces.size_px - 1
