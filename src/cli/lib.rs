@@ -48,9 +48,9 @@ struct Cli {
     /// Number of threads, at most eight for each core; one for each core by default
     #[arg(long, global = true, value_parser = clap::value_parser!(u16).range(1..))]
     threads: Option<u16>,
-    /// Memory limit, MiB: input files that need more are refused, and samples of captures beyond
-    /// it are spilled to a temporary file next to the output. By default files may need half of the
-    /// free memory, and captures all
+    /// Memory limit, MiB: input files and captures that need more are refused, and samples of
+    /// captures are spilled to a temporary file next to the output. By default files may need half
+    /// of the free memory, and captures all
     #[arg(long, global = true, value_name = "MIB", value_parser = clap::value_parser!(u64).range(64..=1 << 24))]
     memory: Option<u64>,
     /// Read files that an input names by absolute paths, `..` or symbolic links even if they are

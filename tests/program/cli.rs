@@ -713,7 +713,7 @@ fn captures_keep_the_memory_limit_or_are_refused() {
     assert!(bytes("kept.ldi") == bytes("free.ldi"));
 
     let refused = arguments(["-o", "refused.ldi", "--face-size", "256"]);
-    let message = "--memory 64: the capture would take about";
+    let message = "--memory 64: loading the scene and capturing it take about";
     fails(dir.path(), 2, &[&refused[..], &limit].concat(), message);
     assert!(!dir.path().join("refused.ldi").exists());
 }

@@ -82,7 +82,7 @@ impl MergeCommand {
         let bar = Bar::new();
         let limit = MemoryLimit::new(memory_mb, spec.face_size_px);
         let all_threads = rayon::current_num_threads();
-        // Their number is not known yet: about one for each pixel of a face.
+        // Not known yet: about one for each pixel of the faces.
         let depth_pixels = 6.0 * f64::from(spec.face_size_px).powi(2);
         let threads = limit.map_or(all_threads, |limit| {
             limit.threads(depth_pixels, all_threads)

@@ -12,7 +12,7 @@ const SLOW_MS = 45;
 const STILL_MS = 160;
 
 const byId = (id) => document.getElementById(id);
-/** Says something; what the watchdog found stays. */
+/** Shows a status text; damage that the watchdog found stays shown. */
 const say = (text) => (byId('status').textContent = document.body.dataset.damage ?? text);
 
 class Page {

@@ -30,7 +30,7 @@ impl Pooling<'_> {
     /// Computes the narrowest window of each surface sample.
     pub(super) fn narrow_windows(&self, gathered: Vec<GatheredLight>) -> NarrowWindows<'_> {
         let mut sums: Vec<Sums> = gathered.par_iter().map(sums).collect();
-        drop(gathered); // as large as the sums of a pass
+        drop(gathered); // a pass needs two arrays of sums
         for step in (0..LEVELS).map(|level| 1 << level) {
             for direction in [[step, 0], [0, step]] {
                 sums = self.pass(&sums, direction);

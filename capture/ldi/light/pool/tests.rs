@@ -303,3 +303,22 @@ fn edge_on_surface_is_lit() {
         }
     }
 }
+
+#[test]
+fn classes_of_all_faces_have_variances() {
+    let gathered = |light: f32| GatheredLight {
+        light: Vec3::splat(light),
+        squares: 2.0 * light * light,
+        nearness: 0.0,
+        samples: 1.0,
+    };
+    let together = ClassStatistics::new(&[2, 700], &[gathered(1.0), gathered(3.0)]);
+    let mut faces = ClassStatistics::new(&[2], &[gathered(1.0)]);
+    faces.absorb(&ClassStatistics::new(&[700], &[gathered(3.0)]));
+    let variances = faces.variances();
+    assert_eq!(variances, together.variances());
+    assert!(variances[700] > variances[2]);
+    let last = usize::from(u16::MAX);
+    assert_eq!(variances.len(), last + 1);
+    assert_eq!(variances[last], variances[3], "classes without samples");
+}
