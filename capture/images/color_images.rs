@@ -157,10 +157,8 @@ fn read_integers(path: &Path) -> Result<ColorPicture, ImagesError> {
     let decoded =
         codec::read(path, 8 * MAX_PIXELS).map_err(|error| ImagesError::picture(path, error))?;
     // A file that is cut short is noted when the set is opened.
-    let picture = decoded.image.into_rgba8();
-    let (width, height) = picture.dimensions();
-    let pixels = picture.pixels().map(|pixel| pixel.0).collect();
-    Ok((width, height, pixels))
+    let (width, height) = (decoded.image.width(), decoded.image.height());
+    Ok((width, height, codec::rgba8_pixels(&decoded.image)))
 }
 
 /// Reads the colours of an EXR, also those of a layer ([`ExrParts::color`]).

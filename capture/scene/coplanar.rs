@@ -304,16 +304,6 @@ impl PlanarTriangle {
             return false;
         }
         let tolerance = self.extent.max(other.extent) * DISTANCE_SHARE;
-        // The plane of the larger one, because that is the more precise.
-        let (larger, smaller) = if self.normal.1 >= other.normal.1 {
-            (self, other)
-        } else {
-            (other, self)
-        };
-        let distance = |corner: DVec3| (corner - larger.corners[0]).dot(larger.normal.0).abs();
-        if smaller.corners.iter().any(|&it| distance(it) > tolerance) {
-            return false;
-        }
         // Separating axes: the perpendiculars of all edges.
         let is_separated = |a: &Self, b: &Self| {
             a.sides.iter().any(|&(axis, [a0, a1])| {
@@ -321,7 +311,17 @@ impl PlanarTriangle {
                 a1.min(b1) - a0.max(b0) <= tolerance
             })
         };
-        !is_separated(self, other) && !is_separated(other, self)
+        if is_separated(self, other) || is_separated(other, self) {
+            return false;
+        }
+        // The plane of the larger one, because that is the more precise.
+        let (larger, smaller) = if self.normal.1 >= other.normal.1 {
+            (self, other)
+        } else {
+            (other, self)
+        };
+        let distance = |corner: DVec3| (corner - larger.corners[0]).dot(larger.normal.0).abs();
+        smaller.corners.iter().all(|&it| distance(it) <= tolerance)
     }
 }
 
@@ -423,8 +423,8 @@ fn divide(members: Vec<&PlanarTriangle>, depth: usize, visit: &mut impl FnMut(&[
         };
         let lower = half(&|member| member.low[axis] <= middle);
         let upper = half(&|member| member.high[axis] >= middle);
-        // Otherwise most of them cross the middle.
-        if lower.len() + upper.len() < members.len() * 3 / 2 {
+        // Otherwise so many cross the middle that halving saves few comparisons.
+        if lower.len() + upper.len() < members.len() * 7 / 6 {
             drop(members);
             divide(lower, depth + 1, visit);
             divide(upper, depth + 1, visit);

@@ -241,10 +241,12 @@ impl Builder {
         self.scene.materials = materials;
         self.apply_hints();
         self.groups.retain(|group| !group.triangles.is_empty());
-        self.notes
-            .add(Note::Duplicate, duplicate_count(&self.scene));
-        self.notes
-            .add(Note::Coplanar, coplanar::count_conflicts(&self.scene));
+        let (duplicates, conflicts) = rayon::join(
+            || duplicate_count(&self.scene),
+            || coplanar::count_conflicts(&self.scene),
+        );
+        self.notes.add(Note::Duplicate, duplicates);
+        self.notes.add(Note::Coplanar, conflicts);
         self.notes.add_file(path);
         let FileLights { sun, sky, lamps } = self.lights.with_defaults(&mut self.notes);
         discard_unused_vertices(&mut self.scene);

@@ -97,6 +97,8 @@ struct Preparation {
     /// Vertex lines so far, for relative indices.
     counts: Counts,
     positions: Vec<DVec3>,
+    /// `v` lines without colours.
+    vertices: String,
     colors: VertexColors,
     /// `vt` and `vn` lines.
     attributes: String,
@@ -117,13 +119,12 @@ impl Preparation {
             "v" => self.add_position(number, rest)?,
             "vt" => {
                 // The second coordinate may be absent.
-                let [u, v] =
-                    numbers(words(rest).chain(["0"])).ok_or("a texture coordinate: two numbers")?;
-                write_line(&mut self.attributes, format_args!("vt {u} {v}"));
+                copy_numbers::<2>("vt", words(rest).chain(["0"]), &mut self.attributes)
+                    .ok_or("a texture coordinate: two numbers")?;
             }
             "vn" => {
-                let [x, y, z] = numbers(words(rest)).ok_or("a normal: three numbers")?;
-                write_line(&mut self.attributes, format_args!("vn {x} {y} {z}"));
+                copy_numbers::<3>("vn", words(rest), &mut self.attributes)
+                    .ok_or("a normal: three numbers")?;
             }
             "f" | "fo" => self.add_face(rest)?,
             "usemtl" => self.use_material(rest),
@@ -142,8 +143,9 @@ impl Preparation {
     }
 
     fn add_position(&mut self, line: usize, rest: &str) -> Result<(), &'static str> {
-        let [x, y, z] = numbers(words(rest)).ok_or("a position: three numbers")?;
-        let position = DVec3::new(x, y, z);
+        let position = copy_numbers("v", words(rest), &mut self.vertices)
+            .map(DVec3::from_array)
+            .ok_or("a position: three numbers")?;
         if !position.is_finite() {
             self.obj
                 .notes
@@ -249,14 +251,12 @@ impl Preparation {
         self.count_empty_group(None);
         let colors = self.colors.finish(&mut self.obj.notes);
         let mut text = "mtllib all\n".to_owned();
-        for (i, DVec3 { x, y, z }) in self.positions.iter().enumerate() {
-            // `tobj` needs a colour for each vertex or none.
-            match colors.get(i) {
-                Some([r, g, b]) => {
-                    write_line(&mut text, format_args!("v {x} {y} {z} {r} {g} {b}"));
-                }
-                None => write_line(&mut text, format_args!("v {x} {y} {z}")),
-            }
+        if colors.is_empty() {
+            text += &self.vertices;
+        }
+        // `tobj` needs a colour for each vertex or none.
+        for (vertex, [r, g, b]) in self.vertices.lines().zip(colors) {
+            write_line(&mut text, format_args!("{vertex} {r} {g} {b}"));
         }
         text += &self.attributes;
         if self.totals[1] > 0 {
@@ -278,6 +278,25 @@ fn is_floor(name: &str) -> bool {
 fn write_line(text: &mut String, line: std::fmt::Arguments) {
     // Writing to a string cannot fail.
     let _ = writeln!(text, "{line}");
+}
+
+/// Parses the first N words and adds a line of them that `tobj` reads; `None` if one of them is
+/// missing or not a number.
+fn copy_numbers<'a, const N: usize>(
+    keyword: &str,
+    mut words: impl Iterator<Item = &'a str>,
+    text: &mut String,
+) -> Option<[f64; N]> {
+    text.push_str(keyword);
+    let mut numbers = [0.0; N];
+    for value in &mut numbers {
+        let word = words.next()?;
+        *value = number(word)?;
+        text.push(' ');
+        text.push_str(if value.is_nan() { "NaN" } else { word });
+    }
+    text.push('\n');
+    Some(numbers)
 }
 
 /// Parses the first N words; `None` if one of them is missing or not a number.

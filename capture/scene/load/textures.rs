@@ -255,17 +255,16 @@ fn srgb_texels(image: &DynamicImage) -> Vec<[u8; 4]> {
             };
             image.to_rgba32f().pixels().map(encode).collect()
         }
-        _ => image.to_rgba8().pixels().map(|p| p.0).collect(),
+        _ => codec::rgba8_pixels(image),
     }
 }
 
 /// Converts an image to white texels whose alpha is its opacity.
 fn mask_texels(image: &DynamicImage) -> Vec<[u8; 4]> {
-    let rgba = image.to_rgba8();
-    let first_alpha = rgba.pixels().next().map(|p| p.0[3]);
-    let alpha_varies = rgba.pixels().any(|p| Some(p.0[3]) != first_alpha);
-    let opacity = |p: &image::Rgba<u8>| {
-        let [r, g, b, a] = p.0.map(u32::from);
+    let rgba = codec::rgba8_pixels(image);
+    let alpha_varies = rgba.iter().any(|texel| texel[3] != rgba[0][3]);
+    let opacity = |texel: &[u8; 4]| {
+        let [r, g, b, a] = texel.map(u32::from);
         // Rec. 709 luma in integers; the weights add up to 65536.
         if alpha_varies {
             a
@@ -273,7 +272,7 @@ fn mask_texels(image: &DynamicImage) -> Vec<[u8; 4]> {
             (13_933 * r + 46_871 * g + 4_732 * b + 32_768) >> 16
         }
     };
-    rgba.pixels()
-        .map(|p| [255, 255, 255, opacity(p) as u8])
+    rgba.iter()
+        .map(|texel| [255, 255, 255, opacity(texel) as u8])
         .collect()
 }

@@ -123,8 +123,10 @@ impl Tracer {
     /// Builds the tree like [`Self::new`] for a given SIMD level; every level gives the same bits.
     pub fn with_level(scene: Arc<Scene>, origin: DVec3, level: Level) -> Self {
         let cutouts = Cutouts::new(&scene);
-        let tree = build::build(&scene, origin, &cutouts);
-        let coplanar = CoplanarTriangles::find(&scene);
+        let (tree, coplanar) = rayon::join(
+            || build::build(&scene, origin, &cutouts),
+            || CoplanarTriangles::find(&scene),
+        );
         let cached = triangle_cache::cache_triangles(&scene, origin);
         Self {
             scene,

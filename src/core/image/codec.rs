@@ -277,9 +277,42 @@ pub fn png(
     Ok(file)
 }
 
+/// Returns the pixels of a picture as RGBA of 8 bits.
+pub fn rgba8_pixels(image: &DynamicImage) -> Vec<[u8; 4]> {
+    // `to_rgba8` converts each value to `f32` and back.
+    match image {
+        DynamicImage::ImageLuma8(image) => {
+            let rgba = |&::image::Luma([l]): &_| [l, l, l, u8::MAX];
+            image.pixels().map(rgba).collect()
+        }
+        DynamicImage::ImageRgb8(image) => {
+            let rgba = |&::image::Rgb([r, g, b]): &_| [r, g, b, u8::MAX];
+            image.pixels().map(rgba).collect()
+        }
+        DynamicImage::ImageRgba8(image) => image.pixels().map(|pixel| pixel.0).collect(),
+        _ => image.to_rgba8().pixels().map(|pixel| pixel.0).collect(),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn pixels_equal_those_of_the_image_crate() {
+        let bytes = || (0..=255).map(|i: u8| i.wrapping_mul(7)).collect();
+        let rgb = |bytes: Vec<u8>| ::image::RgbImage::from_vec(17, 5, bytes[..255].to_vec());
+        let images = [
+            ::image::GrayImage::from_vec(16, 16, bytes()).map(DynamicImage::from),
+            ::image::GrayAlphaImage::from_vec(8, 16, bytes()).map(DynamicImage::from),
+            rgb(bytes()).map(DynamicImage::from),
+            ::image::RgbaImage::from_vec(8, 8, bytes()).map(DynamicImage::from),
+        ];
+        for image in images {
+            let image = image.expect("fits");
+            assert_eq!(rgba8_pixels(&image).as_flattened(), &*image.to_rgba8());
+        }
+    }
 
     #[test]
     fn what_is_written_is_read() {
