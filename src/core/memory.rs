@@ -21,7 +21,7 @@ static RESERVED: AtomicU64 = AtomicU64::new(0);
 /// A decoder would take more memory than is left.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "needs {} MiB of memory, but of the {} MiB that may be used {} MiB are left; set a higher \
+    "needs at least {} MiB of memory, but of the {} MiB that may be used {} MiB are left; set a higher \
      limit with --memory",
     .needed.div_ceil(1 << 20), .limit >> 20, .left >> 20
 )]
@@ -59,6 +59,17 @@ impl Reservation {
             .load(Ordering::Relaxed)
             .saturating_add(resident().unwrap_or(0));
         self.0.saturating_add(limit().saturating_sub(used))
+    }
+
+    /// Returns the error of a decoder that needs more than is [`Self::allowed`].
+    #[must_use]
+    pub fn exceeded(&self) -> OverBudget {
+        let left = self.allowed();
+        OverBudget {
+            needed: left.saturating_add(1),
+            left,
+            limit: limit(),
+        }
     }
 }
 

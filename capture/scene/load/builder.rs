@@ -11,6 +11,7 @@ use crate::scene::{Scene, Triangle, Vertex};
 use glam::{DVec3, Vec2, Vec3};
 use headbox_core::file_frame::FileFrame;
 use headbox_core::headbox::Headbox;
+use headbox_core::memory::{self, OverBudget};
 use rayon::prelude::*;
 use std::ops::Range;
 use std::path::Path;
@@ -24,6 +25,12 @@ const DEGENERATE_SHARE: f64 = 1e-12;
 /// above.
 const MAX_COLOR: f32 = 1.0 + 0.5 / 255.0;
 
+/// Memory of a vertex of a scene, bytes: position, normal, texture coordinate and colour.
+const VERTEX_BYTES: usize = 56;
+
+/// Memory of a triangle while the tree for tracing is built, bytes: 213 of a million triangles.
+const TREE_BYTES: usize = 200;
+
 /// A scene under construction.
 #[derive(Debug, Default)]
 pub(super) struct Builder {
@@ -33,15 +40,24 @@ pub(super) struct Builder {
     scene: Scene,
     groups: Vec<Group>,
     hints: Option<FrameHints>,
+    /// Number of vertices that are known to fit into memory.
+    fitting_vertices: usize,
 }
 
-/// Error of a scene whose vertex indices would need more than 32 bits.
-pub(super) struct TooManyVertices;
+/// Error of a mesh that a scene cannot hold.
+#[derive(Debug, thiserror::Error)]
+pub(super) enum MeshError {
+    /// Vertex indices would need more than 32 bits.
+    #[error("it has more than 2^32 vertices")]
+    TooManyVertices,
+    #[error("its mesh {0}")]
+    OverBudget(#[from] OverBudget),
+}
 
-impl TooManyVertices {
+impl MeshError {
     /// Converts to an error of loading `path`.
-    pub(super) fn in_file(self, path: &Path) -> LoadError {
-        LoadError::malformed(path, "it has more than 2^32 vertices")
+    pub(super) fn in_file(&self, path: &Path) -> LoadError {
+        LoadError::malformed(path, self.to_string())
     }
 }
 
@@ -102,10 +118,17 @@ impl Builder {
     /// Returns the index of the first of `count` new vertices.
     ///
     /// # Errors
-    /// If the index of the last one needs more than 32 bits.
-    pub(super) fn next_vertex(&self, count: usize) -> Result<u32, TooManyVertices> {
+    /// If the index of the last one needs more than 32 bits, or they need more memory than is left.
+    pub(super) fn next_vertex(&mut self, count: usize) -> Result<u32, MeshError> {
         let first = self.scene.positions.len();
-        u32::try_from(first.saturating_add(count)).map_err(|_| TooManyVertices)?;
+        let end = first.saturating_add(count);
+        u32::try_from(end).map_err(|_| MeshError::TooManyVertices)?;
+        if end > self.fitting_vertices {
+            // Not for each polygon.
+            self.fitting_vertices = end + end / 8;
+            let more = self.fitting_vertices - first;
+            drop(memory::reserve((VERTEX_BYTES * more) as u64)?);
+        }
         Ok(first as u32)
     }
 
@@ -226,8 +249,8 @@ impl Builder {
     /// its stem is the scene's name.
     ///
     /// # Errors
-    /// [`LoadError::Unusable`] if no triangle is left; any other cause in it is a bug of the
-    /// loader.
+    /// [`LoadError::Unusable`] if no triangle is left, any other cause in it is a bug of the
+    /// loader; [`LoadError::Malformed`] if tracing it would take more memory than is left.
     pub(super) fn finish(
         mut self,
         path: &Path,
@@ -237,6 +260,8 @@ impl Builder {
         if let Some(cause) = self.notes.take_over_budget() {
             return Err(LoadError::malformed(path, cause));
         }
+        let tree = memory::reserve((TREE_BYTES * self.scene.triangles.len()) as u64);
+        drop(tree.map_err(|error| MeshError::from(error).in_file(path))?);
         self.end_group();
         self.scene.materials = materials;
         self.apply_hints();

@@ -14,7 +14,7 @@
 //! * Triangles with an opacity (`d`, `Tr`) below one half and no map of it are left out, because
 //!   diffuse scenes have no clear glass; others are opaque.
 
-use super::builder::{Builder, GroupedScene, TooManyVertices};
+use super::builder::{Builder, GroupedScene, MeshError};
 use super::encoding::decode_text;
 
 use super::lines::{keyword, without_comment};
@@ -37,6 +37,14 @@ use headbox_core::files::InputFolder;
 use headbox_core::memory;
 use std::collections::{HashMap, HashSet};
 use std::path::Path;
+
+/// Memory of `tobj` for a vertex, bytes: its position as it is in the file and in the mesh, and its
+/// entry in a hash map.
+const VERTEX_BYTES: usize = 96;
+
+/// Memory of `tobj` for a triangle, bytes: its corners, in 64 bits as they are in the file, and in
+/// the mesh.
+const TRIANGLE_BYTES: usize = 92;
 
 /// Number of words before a file name that may be unknown options and their values.
 const MAX_UNKNOWN_WORDS: usize = 8;
@@ -86,6 +94,9 @@ pub fn load_text(
 }
 
 fn prepare_file(path: &Path, text: &str, groups: bool) -> Result<PreparedObj, LoadError> {
+    // Positions, the prepared text, and the parts that it is put together from.
+    let _memory = memory::reserve(4 * text.len() as u64)
+        .map_err(|error| MeshError::from(error).in_file(path))?;
     prepare(text, groups).map_err(|LineError { line, cause }| LoadError::Line {
         path: path.to_path_buf(),
         line,
@@ -111,8 +122,12 @@ fn build(
             None => notes.add_named(Note::MaterialUndefined, name),
         }
     }
+    let memory =
+        memory::reserve((VERTEX_BYTES * obj.vertices + TRIANGLE_BYTES * obj.triangles) as u64)
+            .map_err(|error| MeshError::from(error).in_file(path))?;
     let models =
-        parse(&obj.text, by_name).map_err(|cause| LoadError::malformed(path, cause.to_string()))?;
+        parse(obj.text, by_name).map_err(|cause| LoadError::malformed(path, cause.to_string()))?;
+    drop(memory);
 
     let surfaces = ObjMaterials::new(materials, path, images, &models, notes);
     for model in &models {
@@ -126,8 +141,11 @@ fn build(
     builder.finish(path, surfaces.materials, surfaces.textures.textures)
 }
 
-/// Parses a prepared text with `tobj`. `by_name` has the indices of the used materials.
-fn parse(text: &str, by_name: HashMap<String, usize>) -> Result<Vec<tobj::Model>, tobj::LoadError> {
+/// Parses a prepared text with `tobj`, and frees it. `by_name` has the indices of the used materials.
+fn parse(
+    text: String,
+    by_name: HashMap<String, usize>,
+) -> Result<Vec<tobj::Model>, tobj::LoadError> {
     let options = tobj::LoadOptions {
         single_index: true,
         ..Default::default()
@@ -283,7 +301,7 @@ impl ObjMaterials {
     }
 
     /// Adds the triangles of a mesh to the scene.
-    fn push_mesh(&self, mesh: &tobj::Mesh, builder: &mut Builder) -> Result<(), TooManyVertices> {
+    fn push_mesh(&self, mesh: &tobj::Mesh, builder: &mut Builder) -> Result<(), MeshError> {
         let Some(surface) = self.by_mtl[mesh.material_id.unwrap_or(self.by_mtl.len() - 1)] else {
             return Ok(()); // no face uses it
         };

@@ -31,6 +31,10 @@ const IGNORED: &str = "mtllib vp s deg bmat step cstype parm trim hole scrv sp e
 #[derive(Default)]
 pub(super) struct PreparedObj {
     pub(super) text: String,
+    /// Number of `v` lines.
+    pub(super) vertices: usize,
+    /// Number of triangles of all faces.
+    pub(super) triangles: usize,
     /// Arguments of the `mtllib` statements.
     pub(super) libraries: Vec<String>,
     /// Names of the `usemtl` statements.
@@ -201,6 +205,7 @@ impl Preparation {
         if corners.as_flattened().contains(&Index::OutOfRange) {
             notes.add(Note::AttributeIndexOutOfRange, 1);
         }
+        self.obj.triangles += corners.len() - 2;
         self.faces.push('f');
         for corner in &corners {
             let mut separator = ' ';
@@ -266,7 +271,11 @@ impl Preparation {
             text += "vn 0 0 0\n";
         }
         text += &self.faces;
-        PreparedObj { text, ..self.obj }
+        PreparedObj {
+            text,
+            vertices: self.totals[0],
+            ..self.obj
+        }
     }
 }
 

@@ -166,9 +166,14 @@ fn decode_pixels(
         let memory = memory::reserve(decoder.total_bytes() + 4 * pixels)?;
         // A frame of a GIF may be larger than the image.
         let mut limits = Limits::default();
-        limits.max_alloc = Some(most_bytes.min(memory.allowed()));
+        let allowed = memory.allowed();
+        limits.max_alloc = Some(most_bytes.min(allowed));
         decoder.set_limits(limits)?;
-        Ok((DynamicImage::from_decoder(decoder)?, memory))
+        match DynamicImage::from_decoder(decoder) {
+            Ok(image) => Ok((image, memory)),
+            Err(ImageError::Limits(_)) if allowed < most_bytes => Err(memory.exceeded().into()),
+            Err(error) => Err(error.into()),
+        }
     };
     panics::catch(decode).unwrap_or_else(|panic| Err(PictureError::Malformed(panic)))
 }

@@ -18,7 +18,7 @@ mod primitive;
 mod raw_json;
 mod uri;
 
-use super::builder::{Builder, GroupedScene, TooManyVertices};
+use super::builder::{Builder, GroupedScene, MeshError};
 use super::notes::{Note, Notes};
 use super::orientation::FrameHints;
 use super::{LoadError, LoadOptions, SPLATS_REFUSED, folder_of};
@@ -278,7 +278,7 @@ fn push_nodes(
     surfaces: &GltfMaterials,
     builder: &mut Builder,
     groups: bool,
-) -> Result<(), TooManyVertices> {
+) -> Result<(), MeshError> {
     let placed = place_nodes(root, raw, &mut builder.notes);
     let mut world_from_nodes = vec![None; root.nodes.len()];
     placed

@@ -1,6 +1,6 @@
 //! Triangles of a primitive.
 
-use super::super::builder::{Builder, TooManyVertices};
+use super::super::builder::{Builder, MeshError};
 use super::super::notes::Note;
 use super::accessor::Buffers;
 use super::attributes::{Attributes, cofactors};
@@ -19,7 +19,7 @@ pub(super) fn push_primitive(
     surface: Option<GltfMaterial>,
     buffers: &Buffers,
     builder: &mut Builder,
-) -> Result<(), TooManyVertices> {
+) -> Result<(), MeshError> {
     let Checked::Valid(mode @ (Mode::Triangles | Mode::TriangleStrip | Mode::TriangleFan)) =
         primitive.mode
     else {
@@ -94,7 +94,7 @@ fn push_vertices(
     world_from_node: DAffine3,
     surface: GltfMaterial,
     builder: &mut Builder,
-) -> Result<u32, TooManyVertices> {
+) -> Result<u32, MeshError> {
     let first = builder.next_vertex(attributes.positions.len())?;
     let normal_from_node = cofactors(world_from_node.matrix3);
     for (i, &position) in attributes.positions.iter().enumerate() {

@@ -280,11 +280,7 @@ impl Mesh {
     }
 
     /// Adds the triangles. Materials are numbered as the `images`, then that without one.
-    fn push(
-        &self,
-        images: usize,
-        builder: &mut Builder,
-    ) -> Result<(), super::builder::TooManyVertices> {
+    fn push(&self, images: usize, builder: &mut Builder) -> Result<(), super::builder::MeshError> {
         let colors_of_faces = !self.face_colors.is_empty() && self.vertex_colors.is_empty();
         let is_split = !self.corner_texcoords.is_empty() || colors_of_faces;
         let vertex = |index: usize, corner: usize, face: usize| {

@@ -7,7 +7,7 @@
 #[cfg(test)]
 mod tests;
 
-use super::builder::{Builder, GroupedScene, TooManyVertices};
+use super::builder::{Builder, GroupedScene, MeshError};
 use super::encoding::decode_text;
 use super::lines::{has_decimal_comma, keyword, lines, number};
 use super::notes::{Note, Notes};
@@ -183,7 +183,7 @@ fn read_text(
     Ok(())
 }
 
-fn push_polygon(corners: &[DVec3], builder: &mut Builder) -> Result<(), TooManyVertices> {
+fn push_polygon(corners: &[DVec3], builder: &mut Builder) -> Result<(), MeshError> {
     let first = builder.next_vertex(corners.len())?;
     for &position in corners {
         builder.push_vertex(Vertex {
