@@ -342,7 +342,7 @@ mod tests {
     #[test]
     fn stitch_joins_uneven_subdivisions() {
         let mut scene = one_beside_two();
-        subdivide(&mut scene, 0.15, 100_000).unwrap();
+        subdivide(&mut scene, 0.15);
         assert!(t_junctions(&scene) > 5);
         let (before, vertices) = (scene.triangles.len(), scene.positions.len());
         let stitched = scene.stitch();

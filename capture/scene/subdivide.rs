@@ -1,6 +1,7 @@
 //! Subdivision of triangles with long edges, so that light baked into vertices resolves shadows.
 
 use crate::scene::{Scene, Triangle};
+use glam::DVec3;
 use std::collections::HashMap;
 
 /// Maximum depth of subdivision: enough for edges of 2^16 times the maximum length.
@@ -10,121 +11,125 @@ const MAX_DEPTH: u32 = 32;
 /// and in its middle, so that triangles that share vertices keep sharing them: no T-junctions
 /// arise.
 ///
-/// Returns the index of the first piece of each triangle, then the number of pieces; `None` if
-/// there would be more than `max_triangles`.
-pub fn subdivide(scene: &mut Scene, edge_m: f64, max_triangles: usize) -> Option<Vec<u32>> {
-    let mut cutter = Cutter {
-        scene,
-        edge_m,
-        midpoints: HashMap::new(),
-    };
-    let sources = std::mem::take(&mut cutter.scene.triangles);
+/// Returns the index of the first piece of each triangle, then the number of pieces.
+pub fn subdivide(scene: &mut Scene, edge_m: f64) -> Vec<u32> {
+    // Vertex in the middle of each cut edge, by its ends in ascending order.
+    let mut midpoints = HashMap::new();
+    let sources = std::mem::take(&mut scene.triangles);
     let mut firsts = Vec::with_capacity(sources.len() + 1);
     let mut pieces = Vec::with_capacity(sources.len());
     for source in &sources {
         firsts.push(pieces.len() as u32);
         let mut open = vec![(source.vertices, 0)];
         while let Some((vertices, depth)) = open.pop() {
-            match cutter.cut(vertices) {
-                Some(children) if depth < MAX_DEPTH => {
-                    open.extend(children.into_iter().rev().map(|c| (c, depth + 1)));
-                }
-                _ => pieces.push(Triangle {
+            let corners = vertices.map(|vertex| scene.positions[vertex as usize]);
+            let children = cut(corners, edge_m, depth);
+            if children[0].is_none() {
+                pieces.push(Triangle {
                     vertices,
                     material: source.material,
-                }),
+                });
+                continue;
             }
-            if pieces.len() + open.len() > max_triangles {
-                return None;
+            let [a, b, c] = vertices;
+            let mut points = [a, b, c, 0, 0, 0];
+            for (i, (a, b)) in EDGES.into_iter().enumerate() {
+                if corners[a].distance(corners[b]) > edge_m {
+                    let ends = [vertices[a].min(vertices[b]), vertices[a].max(vertices[b])];
+                    let add = || scene.vertex_between(ends, middle(corners[a], corners[b]), 0.5);
+                    points[3 + i] = *midpoints.entry(ends).or_insert_with(add);
+                }
             }
+            let children = children.into_iter().flatten().rev();
+            open.extend(children.map(|child| (child.map(|point| points[point]), depth + 1)));
         }
     }
     firsts.push(pieces.len() as u32);
     scene.triangles = pieces;
-    Some(firsts)
+    firsts
 }
 
-/// Returns a number of pieces that [`subdivide`] reaches at least.
-pub fn least_pieces(scene: &Scene, edge_m: f64) -> f64 {
-    /// Less than 1 by far more than the rounding error of lengths and areas.
-    const SLACK: f64 = 1.0 - 1e-6;
-    let of_triangle = |triangle: u32| {
-        let [a, b, c] = scene.corners(triangle);
-        let longest = a.distance(b).max(b.distance(c)).max(c.distance(a));
-        let area = (b - a).cross(c - a).length() / 2.0;
-        // Each part of the longest edge is in a piece of its own; no piece is larger than an
-        // equilateral triangle.
-        let by_edge = longest / edge_m;
-        let by_area = area / (3_f64.sqrt() / 4.0 * edge_m * edge_m);
-        (by_edge.max(by_area) * SLACK).max(1.0)
-    };
-    (0..scene.triangles.len() as u32).map(of_triangle).sum()
-}
-
-struct Cutter<'a> {
-    scene: &'a mut Scene,
-    edge_m: f64,
-    /// Vertex in the middle of each cut edge, by its ends in ascending order.
-    midpoints: HashMap<[u32; 2], u32>,
-}
-
-impl Cutter<'_> {
-    /// Returns the midpoint of an edge if it is too long.
-    fn midpoint_if_long(&mut self, a: u32, b: u32) -> Option<u32> {
-        let ends = [a.min(b), a.max(b)];
-        let [start, end] = ends.map(|vertex| self.scene.positions[vertex as usize]);
-        (start.distance(end) > self.edge_m).then(|| {
-            let add = || self.scene.vertex_between(ends, (start + end) / 2.0, 0.5);
-            *self.midpoints.entry(ends).or_insert_with(add)
-        })
-    }
-
-    /// Returns the pieces of a triangle, or `None` if no edge is too long.
-    fn cut(&mut self, [a, b, c]: [u32; 3]) -> Option<Vec<[u32; 3]>> {
-        let midpoints = [
-            self.midpoint_if_long(a, b),
-            self.midpoint_if_long(b, c),
-            self.midpoint_if_long(c, a),
-        ];
-        let corners = [a, b, c];
-        match midpoints {
-            [None, None, None] => None,
-            [Some(ab), Some(bc), Some(ca)] => {
-                Some(vec![[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]])
+/// Returns true if [`subdivide`] makes at most `max_triangles` pieces. Adds no vertices, which take
+/// most of its time.
+pub fn has_few_pieces(scene: &Scene, edge_m: f64, max_triangles: usize) -> bool {
+    let mut pieces = 0;
+    let mut open = Vec::new();
+    for triangle in 0..scene.triangles.len() as u32 {
+        let corners = scene.corners(triangle);
+        let longest = EDGES.map(|(a, b)| corners[a].distance(corners[b]));
+        let longest = longest.into_iter().fold(0.0, f64::max);
+        // Each part of this edge is in a piece of its own.
+        if longest > edge_m * max_triangles as f64 {
+            return false;
+        }
+        open.push((corners, 0));
+        while let Some((corners, depth)) = open.pop() {
+            let children = cut(corners, edge_m, depth);
+            if children[0].is_none() {
+                pieces += 1;
             }
-            _ => {
-                // Rotated so that the edge (p, q) is long and, if two are, (q, r) too.
-                let long = midpoints.map(|midpoint| midpoint.is_some());
-                let first = (0..3).find(|&i| long[i] && !long[(i + 2) % 3]).unwrap_or(0);
-                let [p, q, r] = [0, 1, 2].map(|i| corners[(first + i) % 3]);
-                let pq = midpoints[first]?;
-                match midpoints[(first + 1) % 3] {
-                    None => Some(vec![[p, pq, r], [pq, q, r]]),
-                    Some(qr) => {
-                        // The shorter diagonal of the quadrilateral without the corner q.
-                        let [across, along] = [[pq, r], [p, qr]].map(|diagonal| {
-                            let [s, t] = diagonal.map(|v| self.scene.positions[v as usize]);
-                            s.distance_squared(t)
-                        });
-                        Some(if across <= along {
-                            vec![[pq, q, qr], [pq, qr, r], [p, pq, r]]
-                        } else {
-                            vec![[pq, q, qr], [p, pq, qr], [p, qr, r]]
-                        })
-                    }
+            let middles = EDGES.map(|(a, b)| middle(corners[a], corners[b]));
+            let point = |point: usize| {
+                if point < 3 {
+                    corners[point]
+                } else {
+                    middles[point - 3]
                 }
+            };
+            let children = children.into_iter().flatten();
+            open.extend(children.map(|child| (child.map(point), depth + 1)));
+            if pieces + open.len() > max_triangles {
+                return false;
             }
         }
     }
+    true
+}
+
+/// Corners at the ends of a triangle's edges.
+const EDGES: [(usize, usize); 3] = [(0, 1), (1, 2), (2, 0)];
+
+fn middle(a: DVec3, b: DVec3) -> DVec3 {
+    (a + b) / 2.0
+}
+
+/// A part of a triangle, by its points: 0 to 2 are the triangle's corners, 3 to 5 the middles of
+/// its edges.
+type Piece = [usize; 3];
+
+/// Cuts the edges of a triangle that are too long; returns no piece if none is.
+fn cut(corners: [DVec3; 3], edge_m: f64, depth: u32) -> [Option<Piece>; 4] {
+    let long = EDGES.map(|(a, b)| corners[a].distance(corners[b]) > edge_m);
+    if long == [false; 3] || depth >= MAX_DEPTH {
+        return [None; 4];
+    }
+    if long == [true; 3] {
+        return [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]].map(Some);
+    }
+    // Rotated so that the edge (p, q) is long and, if two are, (q, r) too.
+    let first = (0..3).find(|&i| long[i] && !long[(i + 2) % 3]).unwrap_or(0);
+    let [p, q, r] = [0, 1, 2].map(|i| (first + i) % 3);
+    let [pq, qr] = [p, q].map(|edge| 3 + edge);
+    if !long[q] {
+        return [Some([p, pq, r]), Some([pq, q, r]), None, None];
+    }
+    // The shorter diagonal of the quadrilateral without the corner q.
+    let across = middle(corners[p], corners[q]).distance_squared(corners[r]);
+    let along = corners[p].distance_squared(middle(corners[q], corners[r]));
+    let halves = if across <= along {
+        [[pq, qr, r], [p, pq, r]]
+    } else {
+        [[p, pq, qr], [p, qr, r]]
+    };
+    [Some([pq, q, qr]), Some(halves[0]), Some(halves[1]), None]
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use glam::DVec3;
 
     #[test]
-    fn least_pieces_is_below_number_of_pieces() {
+    fn pieces_are_few_up_to_their_number() {
         let triangle = |far: f64| Scene {
             positions: vec![DVec3::ZERO, DVec3::new(2.0, 0.3, 0.0), DVec3::Y * far],
             triangles: vec![Triangle {
@@ -134,16 +139,14 @@ mod tests {
             ..Scene::default()
         };
         for (far, edge_m) in [(1.0, 0.1), (50.0, 0.2), (1.0, 9.0), (3.0, f64::INFINITY)] {
-            let mut scene = triangle(far);
-            let least = least_pieces(&scene, edge_m);
-            subdivide(&mut scene, edge_m, 1_000_000).expect("few");
-            let pieces = scene.triangles.len() as f64;
-            assert!(
-                (pieces / 40.0..=pieces).contains(&least),
-                "{least} {pieces}"
-            );
+            let source = triangle(far);
+            let mut scene = source.clone();
+            let firsts = subdivide(&mut scene, edge_m);
+            let pieces = scene.triangles.len();
+            assert_eq!(firsts, [0, pieces as u32]);
+            assert!(has_few_pieces(&source, edge_m, pieces));
+            assert!(!has_few_pieces(&source, edge_m, pieces - 1));
         }
-        // No attempt is needed to see that a far vertex exceeds any limit.
-        assert!(least_pieces(&triangle(2e8), 0.1) > 1e9);
+        assert!(!has_few_pieces(&triangle(2e8), 0.1, 1_000_000));
     }
 }

@@ -22,7 +22,7 @@ use crate::{PortalModel, Prism, Side};
 use glam::{DVec2, DVec3};
 use headbox_core::bounces::Bounces;
 use headbox_scene::scene::{Scene, Sky};
-use headbox_scene::subdivide::{least_pieces, subdivide};
+use headbox_scene::subdivide::{has_few_pieces, subdivide};
 use headbox_trace::bvh::Tracer;
 use headbox_trace::light::Lighting;
 use light::VertexLight;
@@ -246,17 +246,12 @@ fn subdivide_within_limit(source: &Scene, options: &BakeOptions) -> (Scene, Vec<
     } else {
         f64::INFINITY
     };
-    // One far vertex needs dozens of attempts, each as large as the limit.
-    while least_pieces(source, edge_m) > max_triangles as f64 {
+    while !has_few_pieces(source, edge_m, max_triangles) {
         edge_m *= COARSER;
     }
-    loop {
-        let mut scene = source.clone();
-        if let Some(pieces) = subdivide(&mut scene, edge_m, max_triangles) {
-            return (scene, pieces, edge_m);
-        }
-        edge_m *= COARSER;
-    }
+    let mut scene = source.clone();
+    let pieces = subdivide(&mut scene, edge_m);
+    (scene, pieces, edge_m)
 }
 
 /// Returns the source triangle of each piece.
