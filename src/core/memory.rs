@@ -21,8 +21,8 @@ static RESERVED: AtomicU64 = AtomicU64::new(0);
 /// A decoder would take more memory than is left.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "needs at least {} MiB of memory, but of the {} MiB that may be used {} MiB are left; set a higher \
-     limit with --memory",
+    "needs at least {} MiB of memory, but of the {} MiB that may be used {} MiB are left; set a \
+     higher limit with --memory",
     .needed.div_ceil(1 << 20), .limit >> 20, .left >> 20
 )]
 pub struct OverBudget {

@@ -716,7 +716,7 @@ fn meshes_are_within_the_memory_limit() {
         ("a.obj", "64", "a.obj: its mesh needs at least 56 MiB"),
         ("a.obj", "128", "a.obj: its mesh needs at least 109 MiB"),
         ("a.stl", "64", "a.stl: its mesh needs at least"),
-        ("a.stl", "128", "a.stl: its mesh needs at least 58 MiB"),
+        ("a.stl", "128", "a.stl: tracing it needs at least 58 MiB"),
     ] {
         fails(dir.path(), 1, &truth(file, limit), message);
     }

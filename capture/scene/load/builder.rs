@@ -124,8 +124,8 @@ impl Builder {
         let end = first.saturating_add(count);
         u32::try_from(end).map_err(|_| MeshError::TooManyVertices)?;
         if end > self.fitting_vertices {
-            // Not for each polygon.
-            self.fitting_vertices = end + end / 8;
+            // Polygon by polygon, an eighth more at a time.
+            self.fitting_vertices = end.max(first + first / 8);
             let more = self.fitting_vertices - first;
             drop(memory::reserve((VERTEX_BYTES * more) as u64)?);
         }
@@ -261,7 +261,7 @@ impl Builder {
             return Err(LoadError::malformed(path, cause));
         }
         let tree = memory::reserve((TREE_BYTES * self.scene.triangles.len()) as u64);
-        drop(tree.map_err(|error| MeshError::from(error).in_file(path))?);
+        drop(tree.map_err(|error| LoadError::malformed(path, format!("tracing it {error}")))?);
         self.end_group();
         self.scene.materials = materials;
         self.apply_hints();

@@ -141,7 +141,8 @@ fn build(
     builder.finish(path, surfaces.materials, surfaces.textures.textures)
 }
 
-/// Parses a prepared text with `tobj`, and frees it. `by_name` has the indices of the used materials.
+/// Parses a prepared text with `tobj`, and frees it. `by_name` has the indices of the used
+/// materials.
 fn parse(
     text: String,
     by_name: HashMap<String, usize>,

@@ -1,6 +1,7 @@
 //! Triangulation of polygons.
 
 use glam::{DVec2, DVec3};
+use headbox_core::random;
 use spade::handles::FixedVertexHandle;
 use spade::{
     ConstrainedDelaunayTriangulation, HierarchyHintGenerator, InsertionError, Point2,
@@ -86,19 +87,12 @@ fn delaunay(outline: &[DVec2]) -> Result<Vec<[usize; 3]>, InsertionError> {
     Ok(triangles)
 }
 
-/// Returns the numbers from 0 to `count`, the same random order for each count. Vertices that are
-/// inserted in random order take n log n steps on average, whatever the outline; along the outline,
-/// or from its middle outwards, a smooth curve takes n^2.
+/// Returns the numbers below `count` in a random order, the same for each count. Vertices that are
+/// inserted in random order take n log n steps on average, whatever the outline; from its middle
+/// outwards a smooth curve takes n^2, and along the outline two facing rows do.
 fn shuffled(count: usize) -> Vec<usize> {
     let mut order: Vec<usize> = (0..count).collect();
-    let mut state = 0_u64;
-    for i in (1..count).rev() {
-        // The generator of Knuth's MMIX.
-        state = state
-            .wrapping_mul(6_364_136_223_846_793_005)
-            .wrapping_add(1_442_695_040_888_963_407);
-        order.swap(i, (state >> 33) as usize % (i + 1));
-    }
+    order.sort_by_cached_key(|&i| random::hash(i as u64));
     order
 }
 
