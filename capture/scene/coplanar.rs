@@ -6,7 +6,7 @@
 //! in the file, however each surface is triangulated.
 
 use crate::scene::Scene;
-use glam::{DVec2, DVec3};
+use glam::{DVec2, DVec3, Vec4, Vec4Swizzles};
 use rayon::prelude::*;
 use std::cmp::Reverse;
 
@@ -434,13 +434,30 @@ fn divide(members: Vec<&PlanarTriangle>, depth: usize, visit: &mut impl FnMut(&[
     visit(&members);
 }
 
+/// Returns the bounding boxes of triangles as their low and negated high coordinates, rounded.
+fn boxes(members: &[&PlanarTriangle]) -> Vec<Vec4> {
+    let members = members.iter();
+    let corners = members.map(|it| (it.low.as_vec2(), -it.high.as_vec2()));
+    corners.map(Vec4::from).collect()
+}
+
+/// Returns the indices of the boxes that overlap one of them: a fast first test, which rounding
+/// lets pass too many.
+fn overlapping(boxes: &[Vec4], one: Vec4) -> impl DoubleEndedIterator<Item = usize> {
+    let limits = -one.zwxy();
+    let near = boxes.iter().enumerate();
+    near.filter_map(move |(i, it)| it.cmple(limits).all().then_some(i))
+}
+
 /// Finds triangles that may be met in place of others: the triangle, whether its partner faces the
 /// other way, and the partner.
 fn find_partners(members: &[&PlanarTriangle], pairs: &mut Vec<(u32, bool, Reverse<u32>)>) {
+    let boxes = boxes(members);
     let mut counts = vec![0; members.len()];
     // The last ones in the file first, as only so many are kept.
     for (j, b) in members.iter().enumerate().rev() {
-        for (i, a) in members[..j].iter().enumerate().rev() {
+        for i in overlapping(&boxes[..j], boxes[j]).rev() {
+            let a = members[i];
             if a.class == b.class || counts[i].min(counts[j]) >= MAX_PARTNERS || !a.overlaps(b) {
                 continue;
             }
@@ -464,9 +481,10 @@ fn find_partners(members: &[&PlanarTriangle], pairs: &mut Vec<(u32, bool, Revers
 
 /// Finds triangles that overlap one of another material.
 fn find_conflicts(members: &[&PlanarTriangle], conflicts: &mut Vec<u32>) {
-    for a in members {
-        let mut others = members.iter().filter(|b| b.class.0 != a.class.0);
-        if others.any(|b| a.overlaps(b)) {
+    let boxes = boxes(members);
+    for (a, &around) in members.iter().zip(&boxes) {
+        let mut near = overlapping(&boxes, around).map(|i| members[i]);
+        if near.any(|b| a.class.0 != b.class.0 && a.overlaps(b)) {
             conflicts.push(a.primitive);
         }
     }
