@@ -38,13 +38,13 @@ use headbox_core::memory;
 use std::collections::{HashMap, HashSet};
 use std::path::Path;
 
-/// Memory of `tobj` for a vertex, bytes: its position as it is in the file and in the mesh, and its
-/// entry in a hash map.
-const VERTEX_BYTES: usize = 96;
+/// Memory of `tobj` for a triangle, bytes: 104 as a face of up to four corners in 64 bits, 12 as
+/// indices of the mesh, and what growing arrays leave unused.
+const TRIANGLE_BYTES: usize = 140;
 
-/// Memory of `tobj` for a triangle, bytes: its corners, in 64 bits as they are in the file, and in
-/// the mesh.
-const TRIANGLE_BYTES: usize = 92;
+/// Memory of `tobj` for a place in its hash map of vertices, bytes: three indices in 64 bits, one in
+/// 32 and a byte of the map's own, and half as much for the map that it outgrew.
+const PLACE_BYTES: usize = 33 * 3 / 2;
 
 /// Number of words before a file name that may be unknown options and their values.
 const MAX_UNKNOWN_WORDS: usize = 8;
@@ -104,6 +104,22 @@ fn prepare_file(path: &Path, text: &str, groups: bool) -> Result<PreparedObj, Lo
     })
 }
 
+/// Returns the memory that `tobj` takes for a file.
+fn parser_bytes(obj: &PreparedObj) -> usize {
+    // Three numbers of 32 bits for positions and normals, two for texture coordinates.
+    let [of_file, of_mesh] = [
+        obj.totals,
+        obj.totals.map(|total| total.min(1) * obj.vertices),
+    ];
+    let numbers: usize = [of_file, of_mesh]
+        .iter()
+        .map(|[positions, texcoords, normals]| 12 * positions + 8 * texcoords + 12 * normals)
+        .sum();
+    // The map doubles when seven eighths are full.
+    let places = (obj.vertices * 8 / 7 + 1).next_power_of_two();
+    numbers + PLACE_BYTES * places + TRIANGLE_BYTES * obj.triangles
+}
+
 fn build(
     path: &Path,
     obj: PreparedObj,
@@ -112,6 +128,7 @@ fn build(
     mut builder: Builder,
     groups: bool,
 ) -> Result<GroupedScene, LoadError> {
+    let parser_bytes = parser_bytes(&obj);
     let notes = &mut builder.notes;
     notes.merge(obj.notes);
     let names = MaterialNames::new(materials);
@@ -122,9 +139,8 @@ fn build(
             None => notes.add_named(Note::MaterialUndefined, name),
         }
     }
-    let memory =
-        memory::reserve((VERTEX_BYTES * obj.vertices + TRIANGLE_BYTES * obj.triangles) as u64)
-            .map_err(|error| MeshError::from(error).in_file(path))?;
+    let memory = memory::reserve(parser_bytes as u64)
+        .map_err(|error| MeshError::from(error).in_file(path))?;
     let models =
         parse(obj.text, by_name).map_err(|cause| LoadError::malformed(path, cause.to_string()))?;
     drop(memory);

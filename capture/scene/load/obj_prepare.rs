@@ -31,7 +31,10 @@ const IGNORED: &str = "mtllib vp s deg bmat step cstype parm trim hole scrv sp e
 #[derive(Default)]
 pub(super) struct PreparedObj {
     pub(super) text: String,
-    /// Number of `v` lines.
+    /// Numbers of lines.
+    pub(super) totals: Counts,
+    /// Number of vertices of the mesh, or a few more: a position counts again if its texture
+    /// coordinate or normal is not that of its last corner.
     pub(super) vertices: usize,
     /// Number of triangles of all faces.
     pub(super) triangles: usize,
@@ -53,7 +56,7 @@ pub(super) struct LineError {
 }
 
 /// Numbers of `v`, `vt` and `vn` lines.
-type Counts = [usize; 3];
+pub(super) type Counts = [usize; 3];
 
 /// Prepares a text; `keep_groups` passes `g` and `o` lines on, each as a `g`.
 pub(super) fn prepare(text: &str, keep_groups: bool) -> Result<PreparedObj, LineError> {
@@ -64,6 +67,7 @@ pub(super) fn prepare(text: &str, keep_groups: bool) -> Result<PreparedObj, Line
     let mut preparation = Preparation {
         totals,
         keep_groups,
+        last_corners: vec![None; totals[0]],
         ..Preparation::default()
     };
     for (number, line) in lines(text) {
@@ -101,6 +105,8 @@ struct Preparation {
     /// Vertex lines so far, for relative indices.
     counts: Counts,
     positions: Vec<DVec3>,
+    /// For each position, the texture coordinate and normal of its last corner.
+    last_corners: Vec<Option<[u32; 2]>>,
     /// `v` lines without colours.
     vertices: String,
     colors: VertexColors,
@@ -208,6 +214,7 @@ impl Preparation {
         self.obj.triangles += corners.len() - 2;
         self.faces.push('f');
         for corner in &corners {
+            self.count_vertex(corner);
             let mut separator = ' ';
             for (index, total) in corner.iter().zip(self.totals) {
                 self.faces.push(separator);
@@ -225,6 +232,20 @@ impl Preparation {
             self.obj.floors.add(self.area(&corners));
         }
         Ok(())
+    }
+
+    fn count_vertex(&mut self, corner: &Corner) {
+        let [texcoord, normal] = [corner[1], corner[2]].map(|index| match index {
+            Index::Valid(index) => index as u32,
+            Index::Missing | Index::OutOfRange => u32::MAX,
+        });
+        let Index::Valid(position) = corner[0] else {
+            return;
+        };
+        let last = &mut self.last_corners[position];
+        if last.replace([texcoord, normal]) != Some([texcoord, normal]) {
+            self.obj.vertices += 1;
+        }
     }
 
     /// Parses a corner of a face; `None` if it is not one.
@@ -273,7 +294,7 @@ impl Preparation {
         text += &self.faces;
         PreparedObj {
             text,
-            vertices: self.totals[0],
+            totals: self.totals,
             ..self.obj
         }
     }
