@@ -719,7 +719,11 @@ fn meshes_are_within_the_memory_limit() {
     for (file, limit, message) in [
         ("a.obj", "64", "a.obj: its mesh needs at least 56 MiB"),
         ("a.obj", "128", "a.obj: its mesh needs at least 110 MiB"),
-        ("flat.obj", "128", "flat.obj: its mesh needs at least 114 MiB"),
+        (
+            "flat.obj",
+            "128",
+            "flat.obj: its mesh needs at least 114 MiB",
+        ),
         ("a.stl", "64", "a.stl: its mesh needs at least"),
         ("a.stl", "128", "a.stl: tracing it needs at least 58 MiB"),
     ] {
@@ -751,5 +755,12 @@ fn captures_keep_the_memory_limit_or_are_refused() {
     let refused = arguments(["-o", "refused.ldi", "--face-size", "256"]);
     let message = "--memory 64: loading the scene and capturing it take about";
     fails(dir.path(), 2, &[&refused[..], &limit].concat(), message);
+    assert!(!dir.path().join("refused.ldi").exists());
+
+    let shard =
+        "capture builtin:interior --face-size 400 --strata 1 --rays 1 --shard 1/1 -o a.shard";
+    succeeds(dir.path(), &shard.split(' ').collect::<Vec<_>>());
+    let merge = ["merge", "a.shard", "-o", "refused.ldi"];
+    fails(dir.path(), 2, &[&merge[..], &limit].concat(), message);
     assert!(!dir.path().join("refused.ldi").exists());
 }

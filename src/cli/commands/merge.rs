@@ -87,6 +87,9 @@ impl MergeCommand {
         let threads = limit.map_or(all_threads, |limit| {
             limit.threads(depth_pixels, all_threads)
         });
+        if let Some(limit) = limit {
+            limit.check(limit.peak_bytes(depth_pixels, threads), "")?;
+        }
         let options = RunOptions {
             budget: limit.map(|limit| limit.spill_budget(depth_pixels, threads, &self.output)),
             progress: &bar,

@@ -23,6 +23,9 @@ const SPILLED_BYTES: f64 = 62.0;
 /// 170 to 283 in captures of two scenes, on two threads.
 const MEMORY_BYTES: f64 = 250.0;
 
+/// Suggestions of an error are for a peak that is this much larger.
+const MARGIN: f64 = 1.05;
+
 /// Limit of the memory of a capture.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct MemoryLimit {
@@ -77,33 +80,34 @@ impl MemoryLimit {
         capture.max(self.peak as f64)
     }
 
-    /// Refuses a capture of about this number of depth pixels whose peak, bytes, is beyond the
-    /// limit.
+    /// Refuses a capture whose peak, bytes, is beyond the limit. `alternative` is another way out, as
+    /// in [`Self::smaller_faces`].
     ///
     /// # Errors
-    /// If the limit cannot be kept: which one can, or which face size fits, both with a margin for
-    /// the scatter of estimates.
-    pub(crate) fn check(&self, depth_pixels: f64, peak: f64) -> Result<(), UsageError> {
-        /// Suggestions are for a peak that is this much larger.
-        const MARGIN: f64 = 1.05;
-        let limit = self.limit as f64;
-        if peak <= limit {
+    /// If the limit cannot be kept: which one can, with a margin for the scatter of estimates.
+    pub(crate) fn check(&self, peak: f64, alternative: &str) -> Result<(), UsageError> {
+        if peak <= self.limit as f64 {
             return Ok(());
         }
-        let fixed = self.used as f64 + FIXED_BYTES;
-        let share = (limit / MARGIN - fixed) / (SPILLED_BYTES * depth_pixels);
-        let fits = (f64::from(self.face_size_px) * share.max(0.0).sqrt()).floor();
-        let smaller = if fits >= 1.0 && self.peak <= self.limit {
-            format!(" or --face-size {fits}")
-        } else {
-            String::new()
-        };
         let [mib, more] = [peak, peak * MARGIN].map(|bytes| (bytes / f64::from(1 << 20)).ceil());
         bail_usage!(
             "--memory {}: loading the scene and capturing it take about {mib} MiB, even with samples \
-             on disk; set --memory {more}{smaller}",
+             on disk; set --memory {more}{alternative}",
             self.limit >> 20
         );
+    }
+
+    /// Returns the option for faces that fit instead of those with about this number of depth
+    /// pixels, with a margin for the scatter of estimates; empty if none do.
+    pub(crate) fn smaller_faces(&self, depth_pixels: f64) -> String {
+        let fixed = self.used as f64 + FIXED_BYTES;
+        let share = (self.limit as f64 / MARGIN - fixed) / (SPILLED_BYTES * depth_pixels);
+        let fits = (f64::from(self.face_size_px) * share.max(0.0).sqrt()).floor();
+        if fits >= 1.0 && self.peak <= self.limit {
+            format!(" or --face-size {fits}")
+        } else {
+            String::new()
+        }
     }
 
     /// Bytes of accumulators in memory before they are spilled, and the folder to spill to, for a
@@ -210,7 +214,8 @@ mod tests {
     fn capture_beyond_limit_is_refused() {
         let check = |limit: MemoryLimit| {
             let peak = limit.peak_bytes(1e6, 1);
-            limit.check(1e6, peak).map_err(|error| error.to_string())
+            let checked = limit.check(peak, &limit.smaller_faces(1e6));
+            checked.map_err(|error| error.to_string())
         };
         assert_eq!(check(limit(133)), Ok(()));
         // 120 MB are 114 MiB, 132 MB are 126 MiB; 44.3 of 62 MB are left for the samples.

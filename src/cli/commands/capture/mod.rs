@@ -234,7 +234,8 @@ impl CaptureCommand {
         if let Some(limit) = limit
             && self.shard.is_none()
         {
-            limit.check(estimate.depth_pixels(), estimate.memory_bytes())?;
+            let smaller_faces = limit.smaller_faces(estimate.depth_pixels());
+            limit.check(estimate.memory_bytes(), &smaller_faces)?;
         }
         let bar = Bar::planned(estimate.plan(), true);
         let options = RunOptions {
