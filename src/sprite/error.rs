@@ -1,5 +1,7 @@
 //! Errors of sprites.
 
+use headbox_core::memory::OverBudget;
+
 /// Error of creating a sprite.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum SpriteError {
@@ -48,6 +50,9 @@ pub enum SpriteError {
         /// Far plane, metres.
         far: f64,
     },
+    /// The image is too large for the memory that is left.
+    #[error("making a sprite {0}")]
+    Memory(#[from] OverBudget),
     /// The plane passes through the eye of the sprite's camera.
     #[error("the sprite's plane passes through its camera's eye, or is not finite")]
     PlaneThroughEye,

@@ -636,8 +636,8 @@ fn memory_limit_refuses_files_by_name() {
         "a.obj",
         "mtllib a.mtl\nusemtl m\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nf 1/1 2/1 3/1\n",
     );
-    // 64 MiB of pixels, and four times as many as a texture.
-    let image = image::GrayImage::new(8192, 8192);
+    // 16 MiB of pixels, and four times as many as a texture.
+    let image = image::GrayImage::new(4096, 4096);
     image.save(dir.path().join("large.png")).unwrap();
     let command = "truth a.obj -o o.png --size 8x8 --samples 1 --memory";
     let arguments = |limit| command.split(' ').chain([limit]).collect::<Vec<_>>();
@@ -645,10 +645,19 @@ fn memory_limit_refuses_files_by_name() {
         dir.path(),
         1,
         &arguments("64"),
-        "a.obj: large.png needs at least 320 MiB of memory",
+        "a.obj: large.png needs at least 80 MiB of memory",
     );
     assert!(!dir.path().join("o.png").exists());
     succeeds(dir.path(), &arguments("4096"));
+
+    // As large as a texture, but a sprite has more for each pixel.
+    let sprite = "sprite --color large.png --depth large.png --depth-kind eye -o o.sprite --memory";
+    fails(
+        dir.path(),
+        1,
+        &sprite.split(' ').chain(["512"]).collect::<Vec<_>>(),
+        "large.png and large.png: making a sprite needs at least 768 MiB of memory",
+    );
 }
 
 /// Files whose headers state sizes that they do not have: a frame of a GIF that is larger than the

@@ -3,7 +3,12 @@
 use crate::{Displacement, DisplacementFormat, Sprite, SpriteError, SpritePlane, SpriteWithDepth};
 use headbox_core::camera::Camera;
 use headbox_core::depth_kind::DepthKind;
+use headbox_core::memory;
 use image::RgbaImage;
+
+/// Memory for each pixel, bytes: an inverse depth that may be unknown, the same with a position as a
+/// sample of the plane, and what its median sorts.
+const BYTES_PER_PIXEL: usize = 16 + 24 + 8;
 
 /// A colour image with a depth per pixel, its camera, and the meaning of the depths.
 #[derive(Clone, Debug)]
@@ -33,8 +38,8 @@ impl DepthImport<'_> {
     ///
     /// # Errors
     /// [`SpriteError::Count`] unless there is a depth per pixel; [`SpriteError::NoValidDepth`] if
-    /// some pixels are visible but none of them has a depth; [`SpriteError::DepthRange`]; those of
-    /// [`Sprite::new`].
+    /// some pixels are visible but none of them has a depth; [`SpriteError::DepthRange`];
+    /// [`SpriteError::Memory`]; those of [`Sprite::new`].
     pub fn build(self) -> Result<SpriteWithDepth, SpriteError> {
         let (width, height) = self.color.dimensions();
         let size = (self.camera.width(), self.camera.height());
@@ -53,6 +58,7 @@ impl DepthImport<'_> {
         if is_window && !(near > 0.0 && far > near && near.is_finite()) {
             return Err(SpriteError::DepthRange { near, far });
         }
+        let _memory = memory::reserve((BYTES_PER_PIXEL * self.depth.len()) as u64)?;
         let inverse_depths = self.inverse_depths();
         let all_transparent = self.color.pixels().all(|p| p.0[3] == 0);
         let samples: Vec<[f64; 3]> = pixel_centers(width, height)
@@ -68,15 +74,16 @@ impl DepthImport<'_> {
         if samples.is_empty() && !all_transparent {
             return Err(SpriteError::NoValidDepth);
         }
+        drop(samples);
         let sprite = Sprite::new(self.color, self.camera, plane)?;
         let distance = sprite.plane().signed_distance(self.camera.eye());
         // d1 = signed distance / Z = distance (1/Z - 1/Z on the plane).
-        let displacement = |([x, y], q): ([f64; 2], &Option<f64>)| {
+        let displacement = |([x, y], q): ([f64; 2], Option<f64>)| {
             q.map(|q| (distance * (q - sprite.plane().inverse_depth(&self.camera, x, y))) as f32)
         };
         let visible = sprite.color().pixels().map(|p| p.0[3] > 0);
         let known: Vec<Option<f32>> = pixel_centers(width, height)
-            .zip(&inverse_depths)
+            .zip(inverse_depths)
             .map(displacement)
             .zip(visible)
             .map(|(d, visible)| d.filter(|d| visible && d.is_finite()))
