@@ -1,6 +1,7 @@
 //! Errors of reading image sets.
 
 use headbox_core::image::codec::PictureError;
+use headbox_core::memory::OverBudget;
 use std::path::{Path, PathBuf};
 
 /// Error of reading an image set. Each message is one sentence that names the file and, if there is
@@ -54,6 +55,9 @@ pub enum ImagesError {
         /// Problem, as the rest of a sentence about the file.
         cause: String,
     },
+    /// The samples of the images are too many for the memory that is left.
+    #[error("merging the images {0}")]
+    Memory(OverBudget),
     /// A path leads out of the set's folder.
     #[error("{}: {field}: \"{leads_to}\" leads out of the folder; pass --allow-outside if you trust the file", path.display())]
     Outside {

@@ -782,3 +782,27 @@ fn picture_defects_are_reported() {
         assert!(said.contains(expected), "{said}");
     }
 }
+
+/// A long focal length makes large faces.
+#[test]
+fn captures_of_images_keep_the_memory_limit() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = |name: &str| dir.path().join(name);
+    RgbImage::new(64, 64).save(path("a.png")).unwrap();
+    ImageBuffer::from_pixel(64, 64, Luma([2000u16]))
+        .save(path("depth.png"))
+        .unwrap();
+    let set = r#"{"w": 64, "h": 64, "fl_x": 2000, "fl_y": 2000, "cx": 32, "cy": 32,
+        "frames": [{"file_path": "a.png", "depth_file_path": "depth.png",
+        "transform_matrix": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]}]}"#;
+    std::fs::write(path("transforms.json"), set).unwrap();
+    let capture = ["capture", "transforms.json", "-o", "a.ldi", "--memory"];
+    fails(
+        dir.path(),
+        1,
+        &[&capture[..], &["256"]].concat(),
+        "merging the images needs at least 367 MiB",
+    );
+    assert!(!path("a.ldi").exists());
+    succeeds(dir.path(), &[&capture[..], &["1500"]].concat());
+}

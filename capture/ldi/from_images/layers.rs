@@ -86,6 +86,13 @@ impl LayerCube {
             });
     }
 
+    /// Memory of the faces that [`Self::finish`] returns, bytes.
+    pub(super) fn finished_bytes(&self) -> usize {
+        let offsets = size_of::<u32>() * 6 * (self.face_px as usize).pow(2);
+        let layers: usize = self.rows.iter().map(|row| row.layers.len()).sum();
+        offsets + size_of::<DepthPixel>() * layers
+    }
+
     /// The six faces.
     pub fn finish(self) -> Vec<LayeredDepthImage> {
         let side = self.face_px as usize;
@@ -120,6 +127,12 @@ impl LayerCube {
             .map(finish_face)
             .collect()
     }
+}
+
+/// Returns the memory of layers for samples of which none merge, bytes.
+pub(super) fn most_bytes(batches: &[RowSamples]) -> usize {
+    let counts = batches.iter().map(RowSamples::most);
+    size_of::<Layer>() * counts.sum::<usize>()
 }
 
 impl LayerRow {

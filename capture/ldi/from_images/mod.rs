@@ -30,6 +30,7 @@ pub use nearest::NearestImages;
 use footprint::WarpTarget;
 use glam::DVec3;
 use headbox_core::environment::Environment;
+use headbox_core::memory;
 use headbox_core::progress::{Progress, Silent};
 use headbox_core::simd;
 use headbox_cube::model::depth_bins::DepthBins;
@@ -39,7 +40,7 @@ use headbox_cube::model::samples::CubeSamples;
 use headbox_images::{ImageSet, ImagesError, LoadedView, View};
 use layers::LayerCube;
 use rayon::prelude::*;
-use row_samples::RowSamplePool;
+use row_samples::{ImageSample, RowSamplePool};
 use std::sync::Arc;
 
 /// A capture of an image set.
@@ -128,7 +129,7 @@ impl ImageSetCapture {
     /// Warps views into the cube, in the order given; the first is the central one (C11).
     ///
     /// # Errors
-    /// [`ImagesError`] of the first view that cannot be loaded.
+    /// [`ImagesError`] of the first view that cannot be loaded; [`ImagesError::Memory`].
     pub fn run(
         &self,
         set: &ImageSet,
@@ -170,6 +171,8 @@ impl ImageSetCapture {
         };
         let mut cube = LayerCube::new(self.face_size_px, self.merge_rule, tolerance);
         let pool = RowSamplePool::default();
+        let reserve = |bytes| memory::reserve(bytes as u64).map_err(ImagesError::Memory);
+        drop(reserve(cube.finished_bytes())?);
         for first in (0..count).step_by(BATCH) {
             if progress.is_cancelled() {
                 break;
@@ -177,7 +180,12 @@ impl ImageSetCapture {
             // Decoding takes longer than warping, so a batch of images is read in parallel.
             let batch = (first..count.min(first + BATCH)).into_par_iter();
             let warped = batch.map(|i| {
-                let samples = target.warp(&*load(i)?, i as u32, &pool);
+                let view = load(i)?;
+                // Later batches reuse the memory of the first one.
+                let new = if first == 0 { view.depth.len() } else { 0 };
+                let memory = reserve(size_of::<ImageSample>() * new)?;
+                let samples = target.warp(&view, i as u32, &pool);
+                drop(memory);
                 progress.advance(1);
                 Ok(samples)
             });
@@ -186,8 +194,17 @@ impl ImageSetCapture {
                 .into_iter()
                 .flatten()
                 .collect::<Vec<_>>();
-            cube.add(&samples);
+            if reserve(layers::most_bytes(&samples)).is_ok() {
+                cube.add(&samples);
+            } else {
+                // Images that show the same surfaces need less.
+                for image in samples.chunk_by(|a, b| a.image == b.image) {
+                    drop(reserve(layers::most_bytes(image))?);
+                    cube.add(image);
+                }
+            }
             pool.put_back(samples);
+            drop(reserve(cube.finished_bytes().saturating_sub(pool.bytes()))?);
         }
         Ok(cube)
     }

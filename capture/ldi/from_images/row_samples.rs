@@ -149,6 +149,11 @@ impl RowSamples {
         }
     }
 
+    /// Maximum number of samples: the last chunk of each row may not be full.
+    pub(super) fn most(&self) -> usize {
+        self.next.len() * CHUNK
+    }
+
     /// The samples of a row, chunk by chunk.
     pub(super) fn row(&self, row: usize) -> impl Iterator<Item = &[ImageSample]> {
         let ChunkChain { first, end } = self.chains[row];
@@ -179,6 +184,13 @@ impl RowSamplePool {
         rows.chains.fill(EMPTY);
         rows.next.clear();
         rows
+    }
+
+    /// Memory of the samples in the pool, bytes.
+    pub(super) fn bytes(&self) -> usize {
+        let pool = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let counts = pool.iter().map(|rows| rows.samples.len());
+        size_of::<ImageSample>() * counts.sum::<usize>()
     }
 
     /// Returns merged samples to the pool.
