@@ -11,12 +11,12 @@
 //! | Seurat `manifest.json` | `seurat` | view groups with matrices, depth of three kinds |
 //! | nerfstudio `transforms.json`, NeRF `transforms_train.json` | `nerfstudio` | poses, intrinsics, OpenCV distortion, depth in millimetres, panoramas |
 //! | COLMAP, text and binary | `colmap` | cameras, poses; dense depth maps if present |
-//! | RGB-D frames (TSDF demo, 7-Scenes) | `rgbd` | colour, 16-bit depth, pose and intrinsics text |
-//! | ScanNet, TUM and Replica sequences | `rgbd_folders` | colour, 16-bit depth, poses, intrinsics |
-//! | Polycam, Record3D, `cameras.json` of 3D Gaussian Splatting | `phone_exports` | poses, intrinsics, depth if present |
+//! | RGB-D frames (TSDF demo, 7-Scenes) | `rgbd::frames` | colour, 16-bit depth, pose and intrinsics text |
+//! | ScanNet, TUM and Replica sequences | `rgbd::folders` | colour, 16-bit depth, poses, intrinsics |
+//! | Polycam, Record3D, `cameras.json` of 3D Gaussian Splatting | `rgbd::phone_exports` | poses, intrinsics, depth if present |
 //! | Metashape's cameras (XML) | `metashape` | aligned cameras, calibrations |
-//! | Middlebury `*_par.txt` | `middlebury` | calibrated photographs |
-//! | `NAME.P`, or `P` in a MATLAB file | `projections` | photographs with projection matrices |
+//! | Middlebury `*_par.txt` | `projections::middlebury` | calibrated photographs |
+//! | `NAME.P`, or `P` in a MATLAB file | `projections::matrices` | photographs with projection matrices |
 //! | panoramas | `panorama` | equirectangular, or six cube faces, with depth files next to them |
 //!
 //! Modules in the order of work: `readers` open a folder; `view`, `pose`, `lens`, `depth`,
@@ -53,7 +53,7 @@ mod view;
 mod view_files;
 
 pub use crate::color_images::{ColorChannels, ColorPicture, read_color};
-pub use crate::readers::colmap_points::{SparsePoint, read_sparse_points};
+pub use crate::readers::colmap::{SparsePoint, read_sparse_points};
 pub use crate::readers::nerfstudio::{SetWriter, write_set};
 pub use align::{AlignError, AlignProgress, AlignStep, Alignment, align};
 pub use camera_model::{CameraModel, Polynomial, Projection};
@@ -259,13 +259,13 @@ impl ImageSet {
         }
         for reader in [
             readers::colmap::open,
-            readers::rgbd::open,
-            readers::rgbd_folders::open,
-            readers::phone_exports::open,
+            readers::rgbd::frames::open,
+            readers::rgbd::folders::open,
+            readers::rgbd::phone_exports::open,
             readers::metashape::open,
-            readers::middlebury::open,
+            readers::projections::middlebury::open,
             readers::panorama::open,
-            readers::projections::open,
+            readers::projections::matrices::open,
         ] {
             if let Some(set) = reader(folder)? {
                 return Ok(set);

@@ -2,7 +2,7 @@
 
 use super::intrinsics::pose_from_rows;
 use super::left_out::LeftOut;
-use super::rgbd_folders::find_named_image;
+use super::paths::find_named_image;
 use super::text;
 use crate::camera_model::{CameraModel, Polynomial, Projection};
 use crate::color_images::read_size;

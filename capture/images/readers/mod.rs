@@ -1,31 +1,23 @@
-//! Readers of image sets, one module per format.
+//! Readers of image sets, one module per format or family of formats.
 //!
 //! `text` and `json` parse numbers and fields with errors that name them; `text` also lists
-//! folders; `paths` finds files; `left_out` collects unusable frames; `mat5` reads variables of
-//! MATLAB files. `nerfstudio` also writes sets; `depth_keys` reads its keys of depth.
+//! folders; `paths` finds files; `left_out` collects unusable frames; `intrinsics` and `byte_reader`
+//! read what several formats have in common.
 
 mod byte_reader;
 pub(crate) mod colmap;
-mod colmap_cameras;
-pub(crate) mod colmap_points;
-mod depth_keys;
 mod intrinsics;
 pub(crate) mod json;
-#[cfg(test)]
-mod layout_tests;
 mod left_out;
-mod mat5;
 pub(crate) mod metashape;
-pub(crate) mod middlebury;
 pub(crate) mod nerfstudio;
-mod nerfstudio_lens;
 pub(crate) mod panorama;
 pub(crate) mod paths;
-pub(crate) mod phone_exports;
 pub(crate) mod projections;
 pub(crate) mod rgbd;
-pub(crate) mod rgbd_folders;
 pub(crate) mod seurat;
 #[cfg(test)]
 pub(crate) mod test_set;
+#[cfg(test)]
+mod tests;
 pub(crate) mod text;

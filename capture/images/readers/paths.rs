@@ -60,6 +60,44 @@ pub(super) fn find_file(
     Ok(found?.map(|found| found.path))
 }
 
+/// Returns the image `stem` in a folder, `stem.jpg` if there is none.
+pub(super) fn find_image(folder: &Path, stem: &str) -> PathBuf {
+    let named = |extension: &str| folder.join(format!("{stem}.{extension}"));
+    ["jpg", "png", "jpeg", "JPG", "PNG", "JPEG", "exr"]
+        .map(named)
+        .into_iter()
+        .find(|path| path.is_file())
+        .unwrap_or_else(|| named("jpg"))
+}
+
+/// Returns the image that a camera of `file` names, with or without its extension, in the folders
+/// where photographs lie beside the file.
+pub(super) fn find_named_image(
+    set: &InputFolder,
+    file: &Path,
+    name: &str,
+) -> Result<Option<PathBuf>, ImagesError> {
+    // Programs write paths of their own machine.
+    let leads_out = set.leads_out(set.path(), name);
+    let last = name.rsplit(['/', '\\']).next().unwrap_or(name);
+    let stem = if leads_out { last } else { name };
+    for place in ["images", "input", ""].map(|place| set.path().join(place)) {
+        let whole = find_file(set, &place, name).map_err(|refusal| match refusal {
+            Refusal::Outside(_) => ImagesError::Outside {
+                path: file.into(),
+                field: "the name of an image".into(),
+                leads_to: name.into(),
+            },
+            special => ImagesError::field(file, name, special.to_string()),
+        })?;
+        let found = whole.unwrap_or_else(|| find_image(&place, stem));
+        if found.is_file() {
+            return Ok(Some(found));
+        }
+    }
+    Ok(None)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -27,6 +27,14 @@ pub(super) fn read_text(folder: &InputFolder, file: &Path) -> Result<String, Ima
     text.map_err(|cause| ImagesError::io(file, cause))
 }
 
+/// Returns the lines of a text that are not comments, numbered from 1.
+pub(super) fn numbered_lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
+    text.lines()
+        .zip(1..)
+        .map(|(line, number)| (number, line.trim()))
+        .filter(|(_, line)| !line.starts_with('#'))
+}
+
 /// Reads a text file of numbers, regardless of line breaks; numbers may be `nan` or infinite.
 pub(super) fn read_number_list(folder: &InputFolder, path: &Path) -> Result<Vec<f64>, ImagesError> {
     let text = read_text(folder, path)?;

@@ -1,7 +1,7 @@
 //! Keys of `transforms.json` that describe depth: those of nerfstudio and of instant-ngp.
 
-use super::json::JsonObject;
 use crate::depth::{AssumedDepth, DepthSource};
+use crate::readers::json::JsonObject;
 use crate::{ImagesError, resolve};
 use headbox_core::depth_kind::DepthKind;
 use headbox_core::files::InputFolder;

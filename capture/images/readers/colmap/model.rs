@@ -1,14 +1,14 @@
 //! Reader of COLMAP's models, text and binary: `cameras`, `images`, and dense depth maps if
 //! present.
 
-use super::byte_reader::ByteReader;
-use super::colmap_cameras::{model_of_number, parse_lens};
-use super::left_out::LeftOut;
-use super::paths::{find_file, resolve_in};
-use super::text;
+use super::cameras::{model_of_number, parse_lens};
 use crate::depth::DepthSource;
 use crate::lens::Lens;
 use crate::pose::Pose;
+use crate::readers::byte_reader::ByteReader;
+use crate::readers::left_out::LeftOut;
+use crate::readers::paths::{find_file, resolve_in};
+use crate::readers::text;
 use crate::rectify::{ImageLens, ViewList};
 use crate::view::View;
 use crate::{ImageSet, ImagesError};
@@ -121,7 +121,9 @@ fn count_images(set: &InputFolder, file: &Path, extension: &str) -> u64 {
     }
     if extension == "txt" {
         let text = std::fs::read_to_string(file).unwrap_or_default();
-        return lines(&text).filter(|(_, line)| is_image_line(line)).count() as u64;
+        return text::numbered_lines(&text)
+            .filter(|(_, line)| is_image_line(line))
+            .count() as u64;
     }
     let mut count = [0; 8];
     let read = std::fs::File::open(file).and_then(|mut file| file.read_exact(&mut count));
@@ -315,21 +317,13 @@ fn binary_images(set: &InputFolder, file: &Path) -> Result<Vec<ColmapImage>, Ima
     Ok(images)
 }
 
-/// Returns the lines of a text model that are not comments, numbered from 1.
-pub(super) fn lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
-    text.lines()
-        .zip(1..)
-        .map(|(line, number)| (number, line.trim()))
-        .filter(|(_, line)| !line.starts_with('#'))
-}
-
 fn text_cameras(
     set: &InputFolder,
     file: &Path,
 ) -> Result<BTreeMap<u32, ColmapCamera>, ImagesError> {
     let text = text::read_text(set, file)?;
     let mut cameras = BTreeMap::new();
-    for (number, line) in lines(&text).filter(|(_, line)| !line.is_empty()) {
+    for (number, line) in text::numbered_lines(&text).filter(|(_, line)| !line.is_empty()) {
         let bad = || {
             ImagesError::field(
                 file,
@@ -385,7 +379,7 @@ fn text_images(set: &InputFolder, file: &Path) -> Result<Vec<ColmapImage>, Image
     let text = text::read_text(set, file)?;
     let mut images = Vec::new();
     let is_number = |word: &str| word.parse::<f64>().is_ok();
-    for (number, line) in lines(&text).filter(|(_, line)| !line.is_empty()) {
+    for (number, line) in text::numbered_lines(&text).filter(|(_, line)| !line.is_empty()) {
         let Some((numbers, camera, name)) = parse_image_line(line) else {
             let is_points = line.split_whitespace().take(3).all(is_number)
                 && line.split_whitespace().count() % 3 == 0;

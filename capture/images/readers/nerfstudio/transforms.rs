@@ -1,13 +1,13 @@
 //! Reader and writer of `transforms.json` of nerfstudio and NeRF.
 
 use super::depth_keys;
-use super::json::{self as fields, JsonObject};
-use super::left_out::LeftOut;
-use super::nerfstudio_lens::{KeyOwners, note_unknown_keys, read_lens};
+use super::lens::{KeyOwners, note_unknown_keys, read_lens};
 use crate::color_images::read_camera_size;
 use crate::depth::{DepthPicture, write_depth_exr};
 use crate::lens::Lens;
 use crate::pose::Pose;
+use crate::readers::json::{self as fields, JsonObject};
+use crate::readers::left_out::LeftOut;
 use crate::rectify::{ImageLens, ViewList};
 use crate::view::{LoadedView, View};
 use crate::{ImageSet, ImagesError, resolve};

@@ -1,9 +1,9 @@
 //! Sparse points of a COLMAP model, triangulated from feature tracks.
 
-use super::byte_reader::ByteReader;
-use super::colmap::{find_model, lines};
-use super::text;
+use super::model::find_model;
 use crate::ImagesError;
+use crate::readers::byte_reader::ByteReader;
+use crate::readers::text;
 use glam::DVec3;
 use headbox_core::files::InputFolder;
 use std::path::Path;
@@ -78,7 +78,7 @@ fn text_points(folder: &InputFolder, file: &Path) -> Result<Vec<SparsePoint>, Im
     let parse_line = |(number, line): (usize, &str)| {
         point(line).ok_or_else(|| ImagesError::field(file, format!("line {number}"), expected))
     };
-    lines(&text)
+    text::numbered_lines(&text)
         .filter(|(_, line)| !line.is_empty())
         .map(parse_line)
         .collect()

@@ -1,9 +1,9 @@
 //! Lenses of `transforms.json`: the keys of nerfstudio, NeRF and instant-ngp.
 
-use super::json::JsonObject;
 use crate::ImagesError;
 use crate::camera_model::{CameraModel, Polynomial, Projection};
 use crate::lens::{Distortion, Lens, Pinhole};
+use crate::readers::json::JsonObject;
 use crate::rectify::ImageLens;
 use serde_json::Value;
 use std::collections::BTreeMap;

@@ -2,11 +2,11 @@
 //! `.pose.txt` (camera to world), with 3x3 intrinsics next to them; the layout of the TSDF demo and
 //! of 7-Scenes.
 
-use super::intrinsics::{create_pinhole, pose_from_rows, read_intrinsics};
-use super::left_out::LeftOut;
 use crate::color_images::read_camera_size;
 use crate::depth::DepthSource;
 use crate::lens::Lens;
+use crate::readers::intrinsics::{create_pinhole, pose_from_rows, read_intrinsics};
+use crate::readers::left_out::LeftOut;
 use crate::readers::text;
 use crate::view::View;
 use crate::{ImageSet, ImagesError};

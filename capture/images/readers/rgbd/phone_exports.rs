@@ -1,14 +1,15 @@
 //! Reader of the exports of phones and of splat trainers: Polycam's raw data (`keyframes`),
 //! Record3D (`metadata.json`) and the `cameras.json` of 3D Gaussian Splatting.
 
-use super::json::{self, JsonObject};
-use super::left_out::LeftOut;
-use super::rgbd_folders::{find_image, find_named_image, pose_from_words};
-use super::text;
+use super::folders::pose_from_words;
 use crate::color_images::read_size;
 use crate::depth::DepthSource;
 use crate::lens::{Distortion, Lens, Pinhole};
 use crate::pose::Pose;
+use crate::readers::json::{self, JsonObject};
+use crate::readers::left_out::LeftOut;
+use crate::readers::paths::{find_image, find_named_image};
+use crate::readers::text;
 use crate::view::View;
 use crate::{ImageSet, ImagesError};
 use glam::{DMat4, DVec4};
@@ -275,7 +276,8 @@ fn open_splat_cameras(set: &InputFolder, file: &Path) -> Result<ImageSet, Images
             let eye = numbers(&camera.value["position"]).filter(|eye| eye.len() == 3);
             let eye = eye.ok_or_else(|| camera.error("position", "must hold 3 numbers"))?;
             let row = |i: usize| [rows[3 * i], rows[3 * i + 1], rows[3 * i + 2], eye[i]];
-            let pose = super::intrinsics::pose_from_rows(&[row(0), row(1), row(2)].concat());
+            let pose =
+                crate::readers::intrinsics::pose_from_rows(&[row(0), row(1), row(2)].concat());
             let pose = pose.map_err(|cause| camera.error("rotation", cause))?;
             Ok((color, written, size_px, Lens::Pinhole(lens), pose))
         };

@@ -1,20 +1,20 @@
 //! Reader of RGB-D sequences in folders: ScanNet (`color`, `depth`, `pose`, `intrinsic`), TUM
 //! (`rgb.txt`, `depth.txt`, `groundtruth.txt`) and Replica (`results`, `traj.txt`).
 
-use super::intrinsics::{create_pinhole, pose_from_rows, read_intrinsics};
-use super::json::{self, JsonObject};
-use super::left_out::LeftOut;
-use super::paths::{find_file, resolve};
-use super::text;
 use crate::color_images::read_size;
 use crate::depth::DepthSource;
 use crate::lens::{Distortion, Lens, Pinhole};
 use crate::pose::Pose;
+use crate::readers::intrinsics::{create_pinhole, pose_from_rows, read_intrinsics};
+use crate::readers::json::{self, JsonObject};
+use crate::readers::left_out::LeftOut;
+use crate::readers::paths::{find_image, resolve};
+use crate::readers::text;
 use crate::view::View;
 use crate::{ImageSet, ImagesError};
 use glam::{DMat4, DQuat, DVec3};
 use headbox_core::depth_kind::DepthKind;
-use headbox_core::files::{InputFolder, Refusal};
+use headbox_core::files::InputFolder;
 use headbox_core::read_note::ReadNote;
 use std::path::{Path, PathBuf};
 
@@ -113,44 +113,6 @@ impl Sequence {
     }
 }
 
-/// Returns the image `stem` in a folder, `stem.jpg` if there is none.
-pub(super) fn find_image(folder: &Path, stem: &str) -> PathBuf {
-    let named = |extension: &str| folder.join(format!("{stem}.{extension}"));
-    ["jpg", "png", "jpeg", "JPG", "PNG", "JPEG", "exr"]
-        .map(named)
-        .into_iter()
-        .find(|path| path.is_file())
-        .unwrap_or_else(|| named("jpg"))
-}
-
-/// Returns the image that a camera of `file` names, with or without its extension, in the folders
-/// where photographs lie beside the file.
-pub(super) fn find_named_image(
-    set: &InputFolder,
-    file: &Path,
-    name: &str,
-) -> Result<Option<PathBuf>, ImagesError> {
-    // Programs write paths of their own machine.
-    let leads_out = set.leads_out(set.path(), name);
-    let last = name.rsplit(['/', '\\']).next().unwrap_or(name);
-    let stem = if leads_out { last } else { name };
-    for place in ["images", "input", ""].map(|place| set.path().join(place)) {
-        let whole = find_file(set, &place, name).map_err(|refusal| match refusal {
-            Refusal::Outside(_) => ImagesError::Outside {
-                path: file.into(),
-                field: "the name of an image".into(),
-                leads_to: name.into(),
-            },
-            special => ImagesError::field(file, name, special.to_string()),
-        })?;
-        let found = whole.unwrap_or_else(|| find_image(&place, stem));
-        if found.is_file() {
-            return Ok(Some(found));
-        }
-    }
-    Ok(None)
-}
-
 /// Reads a number at the end of a name, so that 10 follows 9.
 fn number_of(path: &Path) -> (Option<u64>, String) {
     let stem = path.file_stem().unwrap_or_default().to_string_lossy();
@@ -209,7 +171,7 @@ type TimedLine = (f64, Vec<String>);
 fn read_timed(set: &InputFolder, file: &Path) -> Result<Vec<TimedLine>, ImagesError> {
     let text = text::read_text(set, file)?;
     let mut lines = Vec::new();
-    for (number, line) in super::colmap::lines(&text).filter(|(_, line)| !line.is_empty()) {
+    for (number, line) in text::numbered_lines(&text).filter(|(_, line)| !line.is_empty()) {
         let mut words = line.split([' ', '\t', ',']).filter(|word| !word.is_empty());
         let time = words.next().and_then(|word| word.parse::<f64>().ok());
         let time = time.filter(|time| time.is_finite()).ok_or_else(|| {
@@ -392,7 +354,7 @@ fn open_replica(set: &InputFolder) -> Result<ImageSet, ImagesError> {
         results.iter().filter(has_prefix).collect()
     };
     let (colors, depths) = (named("frame"), named("depth"));
-    let lines: Vec<(usize, &str)> = super::colmap::lines(&text)
+    let lines: Vec<(usize, &str)> = text::numbered_lines(&text)
         .filter(|(_, line)| !line.is_empty())
         .collect();
     if colors.len() != lines.len() {

@@ -5,10 +5,10 @@
 //! Multiple View Geometry, 6.2.4), with positive focal lengths. The factor's sign is the one with
 //! which R is a rotation.
 
+use super::mat5::{self, Array, Value};
 use crate::color_images::read_size;
 use crate::lens::{Distortion, Lens, Pinhole};
 use crate::pose::Pose;
-use crate::readers::mat5::{self, Array, Value};
 use crate::readers::text;
 use crate::view::View;
 use crate::{ImageSet, ImagesError};
@@ -238,9 +238,9 @@ fn decompose(projection: &Projection) -> Result<Decomposition, String> {
 
 #[cfg(test)]
 mod tests {
+    use super::mat5::tests::cells;
     use super::*;
     use crate::ImageSetOptions;
-    use crate::readers::mat5::tests::cells;
     use image::RgbImage;
 
     const FOCAL: [f64; 2] = [700.0, 710.0];

@@ -1,0 +1,5 @@
+//! Sequences of RGB-D cameras.
+
+pub(crate) mod folders;
+pub(crate) mod frames;
+pub(crate) mod phone_exports;
