@@ -57,7 +57,7 @@ impl Viewer {
         }
         self.paint(ui.painter(), rect);
         if let Some(divider) = divider {
-            panels::divider::paint(ui.painter(), rect, self.divider_x(rect), &divider);
+            panels::overlay::divider::paint(ui.painter(), rect, self.divider_x(rect), &divider);
         }
         self.paint_headboxes(ui.painter(), rect);
         self.paint_pivot(ui.painter(), rect);
@@ -139,7 +139,7 @@ impl Viewer {
             let places = self.display.stereo.places() as usize;
             for place in 0..places {
                 let rect = place_rect(rect, place, places);
-                panels::headbox::paint(painter, rect, headboxes, &self.eye.pose);
+                panels::side::headbox::paint(painter, rect, headboxes, &self.eye.pose);
             }
         }
     }
@@ -300,19 +300,22 @@ impl Viewer {
         if !self.display.insets {
             return;
         }
-        let mut corner =
-            rect.right_bottom() - vec2(panels::inset::MARGIN_POINTS, panels::inset::MARGIN_POINTS);
+        let mut corner = rect.right_bottom()
+            - vec2(
+                panels::overlay::inset::MARGIN_POINTS,
+                panels::overlay::inset::MARGIN_POINTS,
+            );
         if let Some(bounds) = &info.bounds
-            && let Some(area) = panels::inset::frame(painter, rect, &mut corner, "Headbox")
+            && let Some(area) = panels::overlay::inset::frame(painter, rect, &mut corner, "Headbox")
         {
             let aspect = f64::from(rect.width() / rect.height().max(1.0))
                 / f64::from(self.display.stereo.places());
-            panels::inset::paint(painter, area, bounds, &self.eye.pose, aspect);
+            panels::overlay::inset::paint(painter, area, bounds, &self.eye.pose, aspect);
         }
         if let Some(plan) = &info.plan
-            && let Some(area) = panels::inset::frame(painter, rect, &mut corner, "Plan")
+            && let Some(area) = panels::overlay::inset::frame(painter, rect, &mut corner, "Plan")
         {
-            panels::room_map::paint(painter, area, plan, &self.eye.pose);
+            panels::overlay::room_map::paint(painter, area, plan, &self.eye.pose);
         }
     }
 
@@ -327,7 +330,7 @@ impl Viewer {
             } else {
                 rect.left()
             };
-            panels::strip::paint(painter, rect, left, ongoing);
+            panels::overlay::strip::paint(painter, rect, left, ongoing);
         }
     }
 
@@ -339,8 +342,12 @@ impl Viewer {
             .flat_map(|shown| &shown.pictures)
             .map(|picture| &picture.report.legend);
         if let Some(legend) = legends.into_iter().find(|legend| !legend.is_empty()) {
-            let margin = panels::inset::MARGIN_POINTS;
-            panels::legend::paint(painter, rect.left_bottom() + vec2(margin, -margin), legend);
+            let margin = panels::overlay::inset::MARGIN_POINTS;
+            panels::overlay::legend::paint(
+                painter,
+                rect.left_bottom() + vec2(margin, -margin),
+                legend,
+            );
         }
     }
 

@@ -1,25 +1,11 @@
 //! Panels around the frame. Each is a file: a function of the state it shows, which it changes in
 //! place or by a [`Command`](crate::input::keymap::Command).
 
-pub(crate) mod bookmarks;
-pub(crate) mod camera;
-pub(crate) mod chart;
-pub(crate) mod display;
-pub(crate) mod divider;
-pub(crate) mod headbox;
-pub(crate) mod inset;
-pub(crate) mod keys;
-pub(crate) mod legend;
-pub(crate) mod messages;
-pub(crate) mod open;
-pub(crate) mod record;
-pub(crate) mod room_map;
-pub(crate) mod save;
-pub(crate) mod source;
+pub(crate) mod dialogs;
+pub(crate) mod overlay;
+pub(crate) mod side;
 pub(crate) mod start;
-pub(crate) mod statistics;
 pub(crate) mod status;
-pub(crate) mod strip;
 pub(crate) mod theme;
 
 use crate::input::keymap::Command;

@@ -1,7 +1,7 @@
 //! Start page, shown while there is no source.
 
 use crate::input::keymap::Command;
-use crate::panels::open::row;
+use crate::panels::dialogs::open::row;
 use crate::panels::theme;
 use crate::playback::recent::RecentFiles;
 use crate::source::{Entry, Thumbnail};

@@ -1,6 +1,6 @@
 //! Saving of frames, cameras and paths: the dialog asks where, then another thread writes.
 
-use crate::panels::save::{PendingSave, SaveContent};
+use crate::panels::dialogs::save::{PendingSave, SaveContent};
 use crate::playback::{camera_file, export};
 use crate::thread::exchange::{ExportOrder, Order};
 use crate::window::app::Viewer;

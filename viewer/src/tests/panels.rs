@@ -228,7 +228,7 @@ fn start_page_is_reachable_from_view() {
 fn the_path_field_goes_to_folders_and_opens_files() {
     let dir = tempfile::tempdir().unwrap();
     std::fs::write(dir.path().join("ball.room"), "ball").unwrap();
-    let mut list = crate::panels::open::OpenList::default();
+    let mut list = crate::panels::dialogs::open::OpenList::default();
     assert_eq!(list.enter_path(dir.path().to_str().unwrap()), None);
     assert_eq!(
         list.enter_path("ball.room"),

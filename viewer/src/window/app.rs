@@ -5,10 +5,10 @@ use crate::input::motion::Motion;
 use crate::input::pose::Pose;
 use crate::input::steering::{Eye, SettingSets};
 use crate::panels;
-use crate::panels::display::Display;
-use crate::panels::headbox::HeadboxPanel;
-use crate::panels::open::OpenList;
-use crate::panels::save::SaveDialog;
+use crate::panels::dialogs::open::OpenList;
+use crate::panels::dialogs::save::SaveDialog;
+use crate::panels::side::display::Display;
+use crate::panels::side::headbox::HeadboxPanel;
 use crate::panels::start::StartPage;
 use crate::playback::automation::{Automation, Outcome, Progress};
 use crate::playback::bookmarks::Bookmarks;
@@ -228,11 +228,11 @@ impl Viewer {
                 );
             }
         });
-        panels::messages::show(&ctx, &mut self.messages);
-        panels::keys::show(&ctx, &mut self.show_keys);
+        panels::overlay::messages::show(&ctx, &mut self.messages);
+        panels::dialogs::keys::show(&ctx, &mut self.show_keys);
         let recent = &mut self.recent;
-        panels::open::show(&ctx, &mut self.open_list, recent, &mut self.commands);
-        panels::save::show(&ctx, &mut self.save_dialog, &mut self.commands);
+        panels::dialogs::open::show(&ctx, &mut self.open_list, recent, &mut self.commands);
+        panels::dialogs::save::show(&ctx, &mut self.save_dialog, &mut self.commands);
         for command in std::mem::take(&mut self.commands) {
             self.execute(&ctx, command, now_s);
         }

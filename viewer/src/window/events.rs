@@ -2,7 +2,7 @@
 
 use crate::input::keymap::Command;
 use crate::input::steering::SettingSets;
-use crate::panels::headbox::HeadboxPanel;
+use crate::panels::side::headbox::HeadboxPanel;
 use crate::playback::bookmarks::Bookmarks;
 use crate::playback::path_recorder::PathRecorder;
 use crate::playback::{camera_file, thumbnails};

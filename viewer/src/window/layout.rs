@@ -2,9 +2,8 @@
 //! changes.
 
 use crate::input::keymap::Command;
-use crate::panels::{
-    bookmarks, button, camera, display, headbox, record, section, source, statistics, status, theme,
-};
+use crate::panels::side::{bookmarks, camera, display, headbox, record, source, statistics};
+use crate::panels::{button, section, status, theme};
 use crate::window::app::Viewer;
 use egui::{Area, Button, Context, Frame, Id, Label, Panel, RichText, ScrollArea, Ui, vec2};
 use headbox_core::file_frame::FileFrame;

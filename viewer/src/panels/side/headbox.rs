@@ -1,11 +1,11 @@
 //! Headbox panel of a live capture: leave the headbox, capture another one where the eye is, show an
 //! earlier one.
 
-use super::inset::edges;
-use super::{button, theme};
 use crate::input::bounds::EyeBounds;
 use crate::input::keymap::Command;
 use crate::input::pose::Pose;
+use crate::panels::overlay::inset::edges;
+use crate::panels::{button, theme};
 use crate::source::Headboxes;
 use crate::thread::exchange::SourceInfo;
 use egui::{Painter, Rect, Slider, Stroke, Ui, pos2};

@@ -1,7 +1,7 @@
 //! Dialog that asks where to save. A file that exists is replaced only after a second click.
 
-use super::open::{list, row};
 use crate::input::keymap::Command;
+use crate::panels::dialogs::open::{list, row};
 use crate::playback::export;
 use crate::thread::exchange::ExportOrder;
 use crate::window::system_dialog::SystemQuestion;
@@ -145,7 +145,7 @@ pub(crate) fn show(ctx: &Context, dialog: &mut SaveDialog, commands: &mut Vec<Co
     let (title, mut is_open) = (pending.title, true);
     let room = ctx.content_rect().size() - vec2(40.0, 90.0);
     let size = vec2(420.0, 260.0).min(room).max(vec2(80.0, 60.0));
-    super::dialog(ctx, title, &mut is_open)
+    crate::panels::dialog(ctx, title, &mut is_open)
         .default_size(size)
         .show(ctx, |ui| commands.extend(contents(ui, dialog)));
     if !is_open || ctx.input(|i| i.key_pressed(Key::Escape)) {
@@ -205,7 +205,7 @@ fn contents(ui: &mut Ui, dialog: &mut SaveDialog) -> Option<Command> {
             .to_string_lossy()
             .into_owned();
         ui.horizontal_wrapped(|ui| {
-            ui.colored_label(super::theme::WARNING, format!("{name} exists."));
+            ui.colored_label(crate::panels::theme::WARNING, format!("{name} exists."));
             let replace = ui.button("Replace").on_hover_text("Overwrites the file.");
             if replace.clicked() {
                 command = dialog.confirm(true);
@@ -213,7 +213,7 @@ fn contents(ui: &mut Ui, dialog: &mut SaveDialog) -> Option<Command> {
         });
     }
     if let Some(error) = &dialog.error {
-        ui.colored_label(super::theme::WARNING, error);
+        ui.colored_label(crate::panels::theme::WARNING, error);
     }
     ui.separator();
     ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {

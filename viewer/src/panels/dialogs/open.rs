@@ -115,7 +115,7 @@ pub(crate) fn show(
     let (mut is_open, mut next_dir, mut chosen) = (list.is_open, None, None);
     let room = ctx.content_rect().size() - vec2(40.0, 90.0);
     let size = vec2(420.0, 360.0).min(room).max(vec2(80.0, 60.0));
-    super::dialog(ctx, "Open", &mut is_open)
+    crate::panels::dialog(ctx, "Open", &mut is_open)
         .default_size(size)
         .show(ctx, |ui| {
             ui.horizontal(|ui| {
@@ -127,7 +127,7 @@ pub(crate) fn show(
                     next_dir = list.dir.parent().map(Path::to_owned);
                 }
                 let ask = Command::AskSystem(SystemQuestion::Open);
-                super::button(
+                crate::panels::button(
                     ui,
                     "Browse…",
                     "Opens the dialog of the desktop.",
@@ -186,7 +186,12 @@ pub(crate) fn show(
 }
 
 /// Shows a row of the list that is clickable over its whole width; returns true if it was clicked.
-pub(super) fn row(ui: &mut Ui, picture: Option<&TextureHandle>, text: &str, tooltip: &str) -> bool {
+pub(in crate::panels) fn row(
+    ui: &mut Ui,
+    picture: Option<&TextureHandle>,
+    text: &str,
+    tooltip: &str,
+) -> bool {
     let button = match picture {
         Some(picture) => {
             let picture = Image::new(picture).fit_to_exact_size(PICTURE_POINTS);

@@ -1,6 +1,7 @@
 //! Messages over the frame.
 
-use crate::panels::{strip, theme};
+use crate::panels::overlay::strip;
+use crate::panels::theme;
 use crate::window::messages::{Kind, Messages};
 use egui::{Align2, Area, Color32, Context, Frame, Id, Margin, RichText, Stroke, vec2};
 

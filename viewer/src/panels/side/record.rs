@@ -1,7 +1,7 @@
 //! Record panel: saves frames, cameras and paths; loads and replays paths.
 
-use super::{button, enabled_button};
 use crate::input::keymap::Command;
+use crate::panels::{button, enabled_button};
 use crate::playback::path_recorder::{PathRecorder, ReplayMode};
 use egui::{Checkbox, ProgressBar, TextEdit, Ui};
 use std::path::PathBuf;

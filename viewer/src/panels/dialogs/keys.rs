@@ -12,7 +12,7 @@ const HALVES_POINTS: f32 = 600.0;
 pub(crate) fn show(ctx: &Context, open: &mut bool) {
     // Available size without the title and the borders.
     let room = ctx.content_rect().size() - vec2(40.0, 90.0);
-    super::dialog(ctx, "Keys", open)
+    crate::panels::dialog(ctx, "Keys", open)
         .resizable(false)
         .show(ctx, |ui| {
             ScrollArea::vertical()

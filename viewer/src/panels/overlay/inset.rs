@@ -2,7 +2,8 @@
 
 use crate::input::bounds::EyeBounds;
 use crate::input::pose::Pose;
-use crate::panels::{strip, theme};
+use crate::panels::overlay::strip;
+use crate::panels::theme;
 use egui::{Align2, FontId, Painter, Pos2, Rect, Stroke, StrokeKind, pos2, vec2};
 use glam::{DMat3, DVec3, dvec3};
 

@@ -1,6 +1,6 @@
 //! Statistics of the last frame.
 
-use crate::panels::chart;
+use crate::panels::side::chart;
 use crate::thread::exchange::{FinishedFrame, SourceInfo};
 use crate::thread::history::{History, add_stages};
 use egui::{Grid, Ui};

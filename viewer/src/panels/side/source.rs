@@ -1,8 +1,8 @@
 //! Settings panel of the source, generated from its settings data.
 
-use super::{button, section};
 use crate::input::keymap::Command;
 use crate::input::steering::SettingSets;
+use crate::panels::{button, section};
 use crate::thread::exchange::SourceInfo;
 use egui::{Checkbox, ComboBox, Slider, SliderClamping, Ui};
 use headbox_core::view::{Control, EXPOSURE, Setting, SettingValue, SettingValues};

@@ -1,7 +1,7 @@
 //! Bookmarks panel: named views of the file.
 
-use super::button;
 use crate::input::keymap::Command;
+use crate::panels::button;
 use crate::playback::bookmarks::Bookmarks;
 use egui::{Button, Key, TextEdit, Ui, vec2};
 

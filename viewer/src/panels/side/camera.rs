@@ -1,10 +1,10 @@
 //! Camera panels: how the eye moves, and its numbers.
 
-use super::button;
 use crate::input::bounds::EyeBounds;
 use crate::input::keymap::Command;
 use crate::input::pose::Pose;
 use crate::input::steering::Eye;
+use crate::panels::button;
 use crate::thread::exchange::SourceInfo;
 use egui::{Button, Checkbox, DragValue, Slider, Ui};
 use headbox_core::file_frame::FileFrame;

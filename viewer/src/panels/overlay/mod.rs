@@ -1,0 +1,8 @@
+//! What is drawn over the frame.
+
+pub(crate) mod divider;
+pub(crate) mod inset;
+pub(crate) mod legend;
+pub(crate) mod messages;
+pub(crate) mod room_map;
+pub(crate) mod strip;
