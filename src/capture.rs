@@ -108,7 +108,8 @@ impl<'a> Capture<'a> {
         self
     }
 
-    /// Sets the number of bounces of light between surfaces; [`Bounces::Full`], all, is the default.
+    /// Sets the number of bounces of light between surfaces; [`Bounces::Full`], all, is the
+    /// default.
     pub fn bounces(mut self, bounces: impl Into<Bounces>) -> Self {
         self.parameters.bounces = bounces.into();
         self

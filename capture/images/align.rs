@@ -1,5 +1,5 @@
-//! Camera poses of photographs (E2), estimated by an installed COLMAP: the program `colmap` or, where
-//! it is absent, the Python package `pycolmap`.
+//! Camera poses of photographs (E2), estimated by an installed COLMAP: the program `colmap` or,
+//! where it is absent, the Python package `pycolmap`.
 //!
 //! The model is stored next to the photographs as `sparse/0`, where
 //! [`ImageSet::open`](super::ImageSet::open) looks for it, completely or not at all. COLMAP chooses

@@ -169,8 +169,8 @@ impl DepthSource {
 impl DepthPicture {
     /// Reads depth from EXR (channel `Z` and others, see [`ExrParts::depth`]), TIFF, NPY, or from a
     /// grey image of 8 or 16 bits such as PNG. Integers are multiplied by `unit`: metres per value
-    /// (0.001 for millimetres in 16-bit PNG), or 1/65535 for window depth in 16 bits; floating-point
-    /// numbers by `float_unit`. Of integers 0 means unknown and becomes NaN.
+    /// (0.001 for millimetres in 16-bit PNG), or 1/65535 for window depth in 16 bits;
+    /// floating-point numbers by `float_unit`. Of integers 0 means unknown and becomes NaN.
     ///
     /// # Errors
     /// [`ImagesError`] that names the file.

@@ -28,8 +28,9 @@ pub struct Gloss {
     pub exponent: f32,
 }
 
-/// A diffuse material with optional gloss; two-sided unless it says otherwise. Only truth and the cameras of lumigraphs
-/// render the gloss; representations with one colour per sample, such as a cube LDI, omit it.
+/// A diffuse material with optional gloss; two-sided unless it says otherwise. Only truth and the
+/// cameras of lumigraphs render the gloss; representations with one colour per sample, such as a
+/// cube LDI, omit it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Material {
     /// The name in the file.

@@ -180,8 +180,8 @@ pub(super) struct LightArgs {
     /// which linear radiance is scaled up before it is stored
     #[arg(long, value_name = "auto|EV", default_value_t = Exposure::default(), allow_hyphen_values = true)]
     exposure: Exposure,
-    /// Tone curve: neutral compresses highlights (unlit scenes have none: linear), linear clips them
-    /// at white, hdr keeps four stops above white for a later --exposure
+    /// Tone curve: neutral compresses highlights (unlit scenes have none: linear), linear clips
+    /// them at white, hdr keeps four stops above white for a later --exposure
     #[arg(long, value_name = "CURVE", default_value = "neutral", value_parser = by_name(TONES))]
     tone: ToneMap,
 }

@@ -151,8 +151,8 @@ enum PortalVisibility {
     Outline(Vec<DVec3>),
 }
 
-/// Returns the cells that are visible from `eye_cell`. `open` returns true if a portal may be passed
-/// out of a cell: a walk stops where a backdrop begins.
+/// Returns the cells that are visible from `eye_cell`. `open` returns true if a portal may be
+/// passed out of a cell: a walk stops where a backdrop begins.
 pub fn visible_cells(
     model: &PortalModel,
     camera: &Camera,

@@ -57,10 +57,10 @@ impl MipTexture {
         [self.size[0] as f32, self.size[1] as f32]
     }
 
-    /// Samples linear red, green and blue at (u, v) in the first `count` lanes: by the sampler, like
-    /// [`Texture::sample`], from the mip level whose texels are nearest in size to
-    /// the footprint. `footprint` is the fourth power of the footprint's side in texels of level 0;
-    /// 1 and less give level 0.
+    /// Samples linear red, green and blue at (u, v) in the first `count` lanes: by the sampler,
+    /// like [`Texture::sample`], from the mip level whose texels are nearest in size to the
+    /// footprint. `footprint` is the fourth power of the footprint's side in texels of level 0; 1
+    /// and less give level 0.
     pub(super) fn sample<S: Simd>(
         &self,
         simd: S,

@@ -93,8 +93,8 @@ impl CornerWeights {
         ([a * per, b * per, c * per], per * sign)
     }
 
-    /// Computes the derivatives over the frame of the texture coordinates given at the corners; `size` is that of the
-    /// texture, texels.
+    /// Computes the derivatives over the frame of the texture coordinates given at the corners;
+    /// `size` is that of the texture, texels.
     #[inline(always)]
     pub(super) fn slopes(&self, texcoords: [Vec2; 3], size: Vec2) -> Slopes {
         let along = |axis: usize| {

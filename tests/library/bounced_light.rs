@@ -1,5 +1,5 @@
-//! Full light: truth and captures have all bounces, and the cache of bounced light that captures use
-//! loses none.
+//! Full light: truth and captures have all bounces, and the cache of bounced light that captures
+//! use loses none.
 
 #![expect(
     clippy::unwrap_used,

@@ -1,9 +1,9 @@
 //! Reading a mutated file gives a valid result or an error: no panic, and no huge allocation from a
 //! corrupt count.
 //!
-//! Mutations are seeded: a failure names the seed. `.ci/fuzz` tries each kind of file for longer, with
-//! new seeds. Files that fail in such a run go to `tests/corpus/`, which is replayed here. Portal
-//! models and houses: `houses.rs`; PLY, STL and compressed glTF: `scenes.rs`; `pictures.rs`;
+//! Mutations are seeded: a failure names the seed. `.ci/fuzz` tries each kind of file for longer,
+//! with new seeds. Files that fail in such a run go to `tests/corpus/`, which is replayed here.
+//! Portal models and houses: `houses.rs`; PLY, STL and compressed glTF: `scenes.rs`; `pictures.rs`;
 //! `image_sets.rs`.
 
 use crate::mutations::{

@@ -1,4 +1,5 @@
-//! Seeded mutations of files, and an allocator that records the largest allocation and the sum of all.
+//! Seeded mutations of files, and an allocator that records the largest allocation and the sum of
+//! all.
 //!
 //! Without a variable each kind of file is tried a fixed number of times, with the same seeds.
 //! `HEADBOX_FUZZ_SECONDS` tries each kind for that time, from the seed `HEADBOX_FUZZ_SEED` on
@@ -80,8 +81,8 @@ const BUDGET_BYTES: u64 = 256 << 20;
 const MOST_BYTES: usize = 256 << 20;
 /// Maximum sum of all allocations: the budget, and as much for what is not counted in it.
 const MOST_LIVE_BYTES: usize = 2 * BUDGET_BYTES as usize;
-/// Time after which a reader is too slow. A development build takes at most a fifth of it for a file
-/// that declares as much as the budget allows.
+/// Time after which a reader is too slow. A development build takes at most a fifth of it for a
+/// file that declares as much as the budget allows.
 const MOST_TIME: Duration = Duration::from_secs(20);
 /// Number of mutations of each kind of file.
 const CASES: u64 = 400;

@@ -1,5 +1,5 @@
-//! Mutated scenes of the formats that `files.rs` does not have: PLY, STL, compressed glTF, and texts
-//! in other encodings.
+//! Mutated scenes of the formats that `files.rs` does not have: PLY, STL, compressed glTF, and
+//! texts in other encodings.
 
 use crate::mutations::{Files, corpus, try_folders, try_mutations};
 use headbox_model::load::load_scene;

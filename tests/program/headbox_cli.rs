@@ -1,4 +1,5 @@
-//! Headboxes that are requested in bad places, and the same flags in the window; extensions in help.
+//! Headboxes that are requested in bad places, and the same flags in the window; extensions in
+//! help.
 
 use crate::run::{headbox, succeeds};
 use headbox_core::inputs::{HOMES, REPRESENTATIONS, SCENES, shown_extensions};

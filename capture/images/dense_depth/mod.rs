@@ -192,8 +192,8 @@ fn lenses(views: &[&View]) -> Result<Vec<Pinhole>, DenseDepthError> {
 impl ImageSet {
     /// Estimates the depth of the perspective views without measured depth, stores it next to the
     /// set's images, and uses it from then on. `on_view` receives each view with its estimate;
-    /// `advance` is called for each of [`Self::find_depth_steps`]. After an error, nothing is left in
-    /// the set's folder.
+    /// `advance` is called for each of [`Self::find_depth_steps`]. After an error, nothing is left
+    /// in the set's folder.
     ///
     /// # Errors
     /// See [`DenseDepthError`].

@@ -119,7 +119,8 @@ fn parse_header(bytes: &[u8]) -> Result<Header, String> {
     let end = start + length;
     let text = bytes.get(start..end).ok_or_else(damaged)?;
     let text = std::str::from_utf8(text).map_err(|_| damaged())?;
-    // The header is a dictionary of Python: {'descr': '<f4', 'fortran_order': False, 'shape': (2, 3), }
+    // The header is a dictionary of Python:
+    // {'descr': '<f4', 'fortran_order': False, 'shape': (2, 3), }
     let field = |key: &str| {
         let after = text.split_once(&format!("'{key}'"))?.1;
         Some(after.trim_start().strip_prefix(':')?.trim_start())

@@ -1,8 +1,8 @@
 //! Readers of image sets, one module per format or family of formats.
 //!
 //! `text` and `json` parse numbers and fields with errors that name them; `text` also lists
-//! folders; `paths` finds files; `left_out` collects unusable frames; `intrinsics` and `byte_reader`
-//! read what several formats have in common.
+//! folders; `paths` finds files; `left_out` collects unusable frames; `intrinsics` and
+//! `byte_reader` read what several formats have in common.
 
 mod byte_reader;
 pub(crate) mod colmap;

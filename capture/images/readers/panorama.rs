@@ -4,8 +4,9 @@
 //!
 //! A panorama is `NAME.png` (or `.jpg`, `.exr`), twice as wide as high, with `NAME_depth.exr`
 //! (metres along the ray, as Blender writes for panoramas), `NAME_depth.png` (16 bits,
-//! millimetres), `.tif`, `.tiff` or `.npy`. Cube faces are `NAME_front`, `_back`, `_left`, `_right`, `_bottom`, `_top` (as
-//! Seurat's: front -Z, right +X, top +Y) with `NAME_front_depth` and so on, eye depth.
+//! millimetres), `.tif`, `.tiff` or `.npy`. Cube faces are `NAME_front`, `_back`, `_left`,
+//! `_right`, `_bottom`, `_top` (as Seurat's: front -Z, right +X, top +Y) with `NAME_front_depth`
+//! and so on, eye depth.
 
 use crate::color_images::read_size;
 use crate::depth::{DepthSource, extension};

@@ -4,13 +4,15 @@
 //! reach; each missing sample is a speck in every frame that sees it. A round renders views from
 //! all over the headbox with the renderer of all frames and traces a ray through the middle of each
 //! pixel. A pixel that does not show the surface that its ray hits is *lacking*: the hit becomes a
-//! sample like any other, at once, so that a round does not keep its hits (docs/decisions/0072). The
-//! rounds end when the share of lacking pixels in views from new places, plus its standard error, is
-//! at most [`CaptureParameters::holes`](headbox_cube::model::parameters::CaptureParameters::holes).
+//! sample like any other, at once, so that a round does not keep its hits (docs/decisions/0072).
+//! The rounds end when the share of lacking pixels in views from new places, plus its standard
+//! error, is at most
+//! [`CaptureParameters::holes`](headbox_cube::model::parameters::CaptureParameters::holes).
 //!
 //! A round is a pure function of the accumulators before it and the seed: its views are compared
 //! with the cube of those accumulators, and their hits add sums of integers to them. So the same
-//! rays are aimed on any number of threads, within any memory budget, and after any merge of shards.
+//! rays are aimed on any number of threads, within any memory budget, and after any merge of
+//! shards.
 
 mod test_view;
 

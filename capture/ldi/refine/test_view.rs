@@ -149,8 +149,8 @@ pub(super) struct ViewTest<'a> {
 }
 
 impl ViewTest<'_> {
-    /// Renders a view and compares it with a ray through the middle of each pixel. Returns the share
-    /// of lacking pixels, and the hits of rays through pixels that lack what these hit.
+    /// Renders a view and compares it with a ray through the middle of each pixel. Returns the
+    /// share of lacking pixels, and the hits of rays through pixels that lack what these hit.
     pub(super) fn run(&self, view: &TestView, renderer: &mut Renderer) -> (f64, Vec<Sample>) {
         let (frame, fronts) = renderer.render_with_fronts(self.cube, &view.camera);
         let side = view.camera.width();

@@ -57,8 +57,8 @@ impl Home {
         }
     }
 
-    /// Returns the number of rooms below the topmost storey whose ceiling stays level although walls
-    /// of theirs slope.
+    /// Returns the number of rooms below the topmost storey whose ceiling stays level although
+    /// walls of theirs slope.
     pub(super) fn rooms_under_slopes(&self) -> usize {
         let is_sloping = |room: &&Room| {
             let corner_is_near = |wall: &Wall| {

@@ -172,7 +172,8 @@ fn in_brackets(notes: &[ReadNote]) -> String {
     }
 }
 
-/// Loads a scene file by its extension (in any case), one of [`SCENES`]. The scene gets the lights of a glTF (KHR_lights_punctual), else the default sun, and the default sky; positions are
+/// Loads a scene file by its extension (in any case), one of [`SCENES`]. The scene gets the lights
+/// of a glTF (KHR_lights_punctual), else the default sun, and the default sky; positions are
 /// converted to metres, Y up.
 ///
 /// # Errors

@@ -42,8 +42,8 @@ use std::path::Path;
 /// indices of the mesh, and what growing arrays leave unused.
 const TRIANGLE_BYTES: usize = 140;
 
-/// Memory of `tobj` for a place in its hash map of vertices, bytes: three indices in 64 bits, one in
-/// 32 and a byte of the map's own, and half as much for the map that it outgrew.
+/// Memory of `tobj` for a place in its hash map of vertices, bytes: three indices in 64 bits, one
+/// in 32 and a byte of the map's own, and half as much for the map that it outgrew.
 const PLACE_BYTES: usize = 33 * 3 / 2;
 
 /// Number of words before a file name that may be unknown options and their values.

@@ -290,8 +290,8 @@ impl GlbBuilder {
     }
 }
 
-/// Combines the colour and the sampler of a texture with the alpha of another at the larger resolution of the two.
-/// Texels are unchanged if the sizes are equal.
+/// Combines the colour and the sampler of a texture with the alpha of another at the larger
+/// resolution of the two. Texels are unchanged if the sizes are equal.
 fn with_opacity(color: &Texture, opacity: &Texture) -> Texture {
     let (width, height) = (
         color.width().max(opacity.width()),

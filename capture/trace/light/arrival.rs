@@ -98,8 +98,8 @@ impl Lighting {
         (path.sum, arrival)
     }
 
-    /// Traces the remainder of a sample: returns the radiosity per albedo at its arrival. Light that
-    /// has bounced before is that of the arrival's cell, if that is cached
+    /// Traces the remainder of a sample: returns the radiosity per albedo at its arrival. Light
+    /// that has bounced before is that of the arrival's cell, if that is cached
     /// ([`Self::with_cached_bounces`]).
     pub fn beyond(&self, tracer: &Tracer, arrival: &Arrival, sample: &LightSample) -> Vec3 {
         let throughput = arrival.albedo.max(Vec3::splat(MIN_ALBEDO));

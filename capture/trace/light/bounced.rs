@@ -154,7 +154,8 @@ impl Lighting {
             let (.., point) = &points[index as usize % points.len()];
             let sample = LightSample { stream, index };
             let mut path = Path::new(point);
-            // Bounced light comes from everywhere, unlike the light for which directions are guided.
+            // Bounced light comes from everywhere, unlike the light for which directions are
+            // guided.
             let directions = Directions::unguided(point);
             let next = self.trace_next_ray(tracer, &mut path, self.vertex(0), &sample, &directions);
             if next.is_none() {

@@ -5,8 +5,8 @@
 //! *radiosity per albedo* (irradiance / pi): the radiance that leaves the surface is that times its
 //! albedo, plus its emission. Next-event estimation samples the sun, lamps, emissive triangles and
 //! sky images; the last two (and the next bounce) are also sampled by one ray, cosine-weighted or
-//! guided, with multiple importance sampling. Russian roulette ends paths beyond three bounces; paths
-//! of captures also end at cells in which light that has bounced is cached (`bounced`).
+//! guided, with multiple importance sampling. Russian roulette ends paths beyond three bounces;
+//! paths of captures also end at cells in which light that has bounced is cached (`bounced`).
 
 mod arrival;
 mod bounced;

@@ -112,8 +112,8 @@ impl Lighting {
         for bounce in 1..=self.last_bounce() {
             if let Some(light) = find(&path.point) {
                 let factor = path.throughput * path.weight;
-                // Lamps are also sampled by the ray that leaves the cell, as in complete paths, whose
-                // light is clamped less often than that of next-event estimation alone.
+                // Lamps are also sampled by the ray that leaves the cell, as in complete paths,
+                // whose light is clamped less often than that of next-event estimation alone.
                 let vertex = Vertex {
                     bounce,
                     is_last: self.emitters.is_empty(),

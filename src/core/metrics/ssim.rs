@@ -2,8 +2,8 @@
 //!
 //! Z. Wang, A. C. Bovik, H. R. Sheikh, E. P. Simoncelli, "Image Quality Assessment: From Error
 //! Visibility to Structural Similarity", 2004, as scikit-image computes it with
-//! `gaussian_weights=True, sigma=1.5, use_sample_covariance=False, data_range=255, channel_axis=-1`:
-//! windows of 11x11 pixels, the mean over red, green and blue on sRGB values.
+//! `gaussian_weights=True, sigma=1.5, use_sample_covariance=False, data_range=255,
+//! channel_axis=-1`: windows of 11x11 pixels, the mean over red, green and blue on sRGB values.
 
 use ::image::RgbImage;
 use fearless_simd::Level;

@@ -55,8 +55,8 @@ pub enum BackdropKind {
     /// A cube LDI about a point in front of the portal's middle, from rays through the whole
     /// opening.
     WindowLdi,
-    /// Like `WindowLdi`, centred in the viewing cell: the part of the cell's cube LDI that belongs to
-    /// this portal.
+    /// Like `WindowLdi`, centred in the viewing cell: the part of the cell's cube LDI that belongs
+    /// to this portal.
     CellLdi,
     /// A sprite with depth from straight in front, drawn in two passes (S5), if the view behind the
     /// portal is smooth; else `WindowLdi`.

@@ -234,8 +234,8 @@ impl ViewGeometry {
     }
 }
 
-/// Samples the depth of views, and offers their images to the store, as they are loaded anyway; with
-/// their samples if these will be stored in a file.
+/// Samples the depth of views, and offers their images to the store, as they are loaded anyway;
+/// with their samples if these will be stored in a file.
 fn sample_views(
     views: &[View],
     grid: &SampleGrid,

@@ -70,8 +70,9 @@ impl Polygons {
     /// Creates polygons lit by the image of a cube LDI, as seen from the middle of the polygons or
     /// from the nearest position in the headbox. They cast shadows and reflect light onto
     /// themselves, but not onto the surfaces of the cube. Radiance above the range of the cube's
-    /// tone curve is clipped (at white, unless the cube was captured with `--tone hdr`), so that suns
-    /// and lamps give less light than in reality. The shading of the polygons is clipped at white.
+    /// tone curve is clipped (at white, unless the cube was captured with `--tone hdr`), so that
+    /// suns and lamps give less light than in reality. The shading of the polygons is clipped at
+    /// white.
     ///
     /// # Errors
     /// [`PolygonsError`].

@@ -6,8 +6,8 @@ use headbox_core::depth_kind::DepthKind;
 use headbox_core::memory;
 use image::RgbaImage;
 
-/// Memory for each pixel, bytes: an inverse depth that may be unknown, the same with a position as a
-/// sample of the plane, and what its median sorts.
+/// Memory for each pixel, bytes: an inverse depth that may be unknown, the same with a position as
+/// a sample of the plane, and what its median sorts.
 const BYTES_PER_PIXEL: usize = 16 + 24 + 8;
 
 /// A colour image with a depth per pixel, its camera, and the meaning of the depths.

@@ -26,8 +26,8 @@ use headbox_trace::viewpoint::{self, HeadboxError};
 use headbox_views::LitScene;
 use std::sync::Arc;
 
-/// Headbox and quality of a capture in the window; by default as the scene suggests, with a fifth of
-/// the rays of `headbox capture`.
+/// Headbox and quality of a capture in the window; by default as the scene suggests, with a fifth
+/// of the rays of `headbox capture`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct CaptureOptions {
     /// Centre of the headbox, in the axes and unit of the scene's file.

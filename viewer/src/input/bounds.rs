@@ -41,8 +41,8 @@ impl EyeBounds {
         self.centre + DVec3::new(axis(0), axis(1), axis(2))
     }
 
-    /// Moves the eye from `from` by `by` along the straight line, as far as the box without its soft
-    /// margin allows. An eye that is not in that part stays.
+    /// Moves the eye from `from` by `by` along the straight line, as far as the box without its
+    /// soft margin allows. An eye that is not in that part stays.
     pub fn clip(&self, from: DVec3, by: DVec3) -> DVec3 {
         let free = self.half_size * (1.0 - Self::SOFT_SHARE);
         let offset = from - self.centre;

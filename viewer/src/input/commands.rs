@@ -282,8 +282,8 @@ impl Viewer {
         }
     }
 
-    /// Sets the path to replay. Poses outside of the headbox are kept, with a message if there is no
-    /// preview: a script may show the holes there on purpose.
+    /// Sets the path to replay. Poses outside of the headbox are kept, with a message if there is
+    /// no preview: a script may show the holes there on purpose.
     pub(crate) fn set_path(&mut self, path: CameraPath, now_s: f64) {
         let info = self.info.as_ref().filter(|info| info.headboxes.is_none());
         if let Some(bounds) = info.and_then(|info| info.bounds) {

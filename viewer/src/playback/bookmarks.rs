@@ -34,8 +34,8 @@ struct Stored {
 }
 
 impl Bookmarks {
-    /// Reads the bookmarks of `source`, a path or another unique name, from `folder`. Empty if there
-    /// are none.
+    /// Reads the bookmarks of `source`, a path or another unique name, from `folder`. Empty if
+    /// there are none.
     ///
     /// # Errors
     /// One sentence if there is a file that cannot be read; it is not overwritten.

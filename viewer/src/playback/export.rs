@@ -69,8 +69,8 @@ pub(crate) fn claim_free_name(dir: &Path, stem: &str, extension: &str) -> io::Re
 /// one succeeds.
 ///
 /// # Errors
-/// [`io::ErrorKind::AlreadyExists`] if there is a file; the error of the system or of `write`, which
-/// leaves nothing behind.
+/// [`io::ErrorKind::AlreadyExists`] if there is a file; the error of the system or of `write`,
+/// which leaves nothing behind.
 pub(crate) fn write_new(
     path: &Path,
     write: impl FnOnce(&Path) -> io::Result<()>,

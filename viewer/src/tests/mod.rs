@@ -142,7 +142,8 @@ fn save(window: &mut Window) {
     window.run_steps(2);
 }
 
-/// Clicks the control with this label; waits for it, as entries of the start page come from a thread.
+/// Clicks the control with this label; waits for it, as entries of the start page come from a
+/// thread.
 fn click(window: &mut Window, label: &str) {
     step_until(window, label, |window| {
         window.query_by_label(label).is_some()

@@ -208,7 +208,8 @@ mod tests {
     #[test]
     fn resolution_stays_if_little_is_saved() {
         assert_eq!(end(40.0, 0.0), 1.0, "nothing is saved");
-        // A quarter of the time depends on pixels: 3/4 saves 11 % of the time for 44 % of the pixels.
+        // A quarter of the time depends on pixels: 3/4 saves 11 % of the time for 44 % of the
+        // pixels.
         assert_eq!(end(30.0, 10.0), 1.0);
         // Half: the first step saves 22 %, just enough; the second 18 of 28 %.
         assert_eq!(end(19.0, 21.0), 0.75);

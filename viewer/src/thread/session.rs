@@ -84,8 +84,8 @@ impl Session {
         self.shared.recycle(pictures);
     }
 
-    /// Sends the event that `wait` returns, from its own thread. The window does not wait for it when
-    /// it closes.
+    /// Sends the event that `wait` returns, from its own thread. The window does not wait for it
+    /// when it closes.
     pub(crate) fn send_later(&self, wait: impl FnOnce() -> Event + Send + 'static) {
         let (sender, wake) = (self.sender.clone(), Arc::clone(&self.wake));
         let spawned = Builder::new().name("dialog".into()).spawn(move || {

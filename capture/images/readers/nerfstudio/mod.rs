@@ -1,5 +1,5 @@
-//! `transforms.json` of nerfstudio, NeRF and instant-ngp: `transforms` reads and writes it; `lens` and
-//! `depth_keys` read its keys of lenses and of depth.
+//! `transforms.json` of nerfstudio, NeRF and instant-ngp: `transforms` reads and writes it; `lens`
+//! and `depth_keys` read its keys of lenses and of depth.
 
 mod depth_keys;
 mod lens;

@@ -1,8 +1,8 @@
 //! Numeric variables of MATLAB files, version 5 (`-v6`) and 7 (`-v7`, compressed elements).
 //!
-//! Layout: "MAT-File Format", The MathWorks. A file is a header of 128 bytes and elements with a tag
-//! of type and length. Only real numeric arrays, and cell arrays of them, are read; other variables
-//! are skipped.
+//! Layout: "MAT-File Format", The MathWorks. A file is a header of 128 bytes and elements with a
+//! tag of type and length. Only real numeric arrays, and cell arrays of them, are read; other
+//! variables are skipped.
 
 use flate2::read::ZlibDecoder;
 use std::io::Read;

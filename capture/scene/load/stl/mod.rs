@@ -1,8 +1,8 @@
 //! STL meshes, ASCII and binary.
 //!
-//! Many binary files begin with `solid`, the keyword of the ASCII form; the size of the file decides,
-//! else the presence of control characters. Normals are those of the triangles. Axes and unit are
-//! guessed as those of an OBJ.
+//! Many binary files begin with `solid`, the keyword of the ASCII form; the size of the file
+//! decides, else the presence of control characters. Normals are those of the triangles. Axes and
+//! unit are guessed as those of an OBJ.
 
 #[cfg(test)]
 mod tests;

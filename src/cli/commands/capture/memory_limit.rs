@@ -6,12 +6,12 @@ use headbox_core::memory;
 use std::path::{Path, PathBuf};
 
 /// Buffers of a thread for each pixel along a side of a face, bytes: rays and hits of a cell, the
-/// accumulators of a tile, a test frame. 16 threads take 19 to 21 kB more each than one, on faces of
-/// 128, 256 and 1,024 pixels.
+/// accumulators of a tile, a test frame. 16 threads take 19 to 21 kB more each than one, on faces
+/// of 128, 256 and 1,024 pixels.
 const THREAD_BYTES_PER_PX: u64 = 20_000;
 
-/// Memory of a capture on one thread that does not grow with its samples, bytes: 7 to 19 MB in three
-/// scenes.
+/// Memory of a capture on one thread that does not grow with its samples, bytes: 7 to 19 MB in
+/// three scenes.
 const FIXED_BYTES: f64 = 20e6;
 
 /// Peak memory for each depth pixel if samples are spilled and freed memory is returned, bytes: the
@@ -80,8 +80,8 @@ impl MemoryLimit {
         capture.max(self.peak as f64)
     }
 
-    /// Refuses a capture whose peak, bytes, is beyond the limit. `alternative` is another way out, as
-    /// in [`Self::smaller_faces`].
+    /// Refuses a capture whose peak, bytes, is beyond the limit. `alternative` is another way out,
+    /// as in [`Self::smaller_faces`].
     ///
     /// # Errors
     /// If the limit cannot be kept: which one can, with a margin for the scatter of estimates.

@@ -22,8 +22,9 @@ pub(crate) struct ExportCommand {
     /// Input .ldi, .sprite, .house or .lumi file; .house and .lumi only as .html
     file: PathBuf,
     /// Output file, whose extension selects the format: .html, an offline page to look around in,
-    /// or to walk through a house; .glb for engines, or with --gaussians as splats; .ply, flat Gaussians of 3D Gaussian splatting,
-    /// or plain points with --points; .exr for compositing, deep or, with --layers, flat
+    /// or to walk through a house; .glb for engines, or with --gaussians as splats; .ply, flat
+    /// Gaussians of 3D Gaussian splatting, or plain points with --points; .exr for compositing,
+    /// deep or, with --layers, flat
     #[arg(short, long)]
     output: PathBuf,
     /// Title of the .html page; the name of the input file by default

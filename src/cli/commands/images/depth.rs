@@ -123,7 +123,8 @@ impl Drop for CopiedFolder {
         if self.is_kept {
             return;
         }
-        // The folder was empty or did not exist; errors are less important than the one that led here.
+        // The folder was empty or did not exist; errors are less important than the one that led
+        // here.
         let _ = std::fs::remove_dir_all(&self.path);
         if !self.is_new {
             let _ = std::fs::create_dir(&self.path);

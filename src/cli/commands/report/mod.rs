@@ -42,8 +42,8 @@ use std::sync::{Arc, Mutex};
 #[derive(Args)]
 pub(crate) struct ReportCommand {
     /// Scenes to capture (.obj, .gltf, .glb, .ply, .stl, homes, builtin:NAME), .ldi and .sprite
-    /// files whose scenes still exist, or one folder of images; the name of a scene may be followed by its own
-    /// settings: @center=X,Y,Z, @half=S, @up=z, @unit=cm
+    /// files whose scenes still exist, or one folder of images; the name of a scene may be followed
+    /// by its own settings: @center=X,Y,Z, @half=S, @up=z, @unit=cm
     #[arg(value_name = "SCENE|FILE", required_unless_present_any = ["results", "stability"], value_parser = parse_subject)]
     subjects: Vec<SubjectArg>,
     /// Folder for report.json, report.csv, summary.md and charts; headbox-report by default. With

@@ -19,7 +19,8 @@ pub(super) struct Goal {
 
 impl Goal {
     /// Returns the number of rays per pixel that the goal needs, estimated from the standard error,
-    /// dB, of the first `samples`: the mean squared error is inversely proportional to their number.
+    /// dB, of the first `samples`: the mean squared error is inversely proportional to their
+    /// number.
     pub(super) fn expected_samples(&self, samples: u32, error_db: f64) -> f64 {
         let most = f64::from(self.samples);
         match self.noise_db {

@@ -38,8 +38,8 @@ struct StoreShared {
     state: Mutex<StoreState>,
 }
 
-/// Callback with a camera's index and view, once the view is loaded; returns the camera's samples if
-/// they are stored in a file.
+/// Callback with a camera's index and view, once the view is loaded; returns the camera's samples
+/// if they are stored in a file.
 type OnLoad = Box<dyn Fn(u32, &LoadedView) -> Option<Arc<Samples>> + Send + Sync>;
 
 #[derive(Default)]

@@ -83,8 +83,8 @@ impl SaveDialog {
         Some((&self.dir, &self.name, pending.title))
     }
 
-    /// Returns the command that saves at the path that the desktop's dialog has returned; that dialog
-    /// has asked whether a file is to be replaced.
+    /// Returns the command that saves at the path that the desktop's dialog has returned; that
+    /// dialog has asked whether a file is to be replaced.
     pub(crate) fn choose(&mut self, path: &Path) -> Option<Command> {
         self.name = path.to_string_lossy().into_owned();
         // With another extension it would be another file.

@@ -56,8 +56,8 @@ pub(crate) fn show(
     }
 }
 
-/// Shows position, direction and speed. Positions are in the axes and unit of the scene's file, like
-/// those of the command line; the eye stays inside `bounds`.
+/// Shows position, direction and speed. Positions are in the axes and unit of the scene's file,
+/// like those of the command line; the eye stays inside `bounds`.
 pub(crate) fn show_numbers(
     ui: &mut Ui,
     eye: &mut Eye,

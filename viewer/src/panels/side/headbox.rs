@@ -1,5 +1,5 @@
-//! Headbox panel of a live capture: leave the headbox, capture another one where the eye is, show an
-//! earlier one.
+//! Headbox panel of a live capture: leave the headbox, capture another one where the eye is, show
+//! an earlier one.
 
 use crate::input::bounds::EyeBounds;
 use crate::input::keymap::Command;
