@@ -50,17 +50,12 @@ pub(crate) fn examine(set: &mut ImageSet) {
             && matches!(view.lens, Lens::Pinhole(_))
     };
     let assumed: Vec<&View> = set.views.iter().filter(|view| is_assumed(view)).collect();
-    let Ok(pairs) = load_pairs(&assumed) else {
+    let Ok(mut pairs) = load_pairs(&assumed) else {
         // Loading reports it.
         return;
     };
     let all = assumed.len();
-    let is_ray = find_kind(&pairs) == DepthKind::RayDistance;
-    let pairs = if is_ray {
-        pairs_along_axis(&pairs)
-    } else {
-        pairs
-    };
+    let is_ray = find_kind(&mut pairs) == DepthKind::RayDistance;
     let Some(source) = assumed.first().and_then(|view| view.depth.clone()) else {
         return;
     };
@@ -187,20 +182,14 @@ fn load(view: &View) -> Result<LoadedView, ImagesError> {
     Ok(distorted.undistorted())
 }
 
-/// Converts the depth of pairs from distances along the ray.
-fn pairs_along_axis(pairs: &[Vec<LoadedView>]) -> Vec<Vec<LoadedView>> {
-    let convert = |pair: &Vec<LoadedView>| pair.iter().cloned().map(along_axis).collect();
-    pairs.iter().map(convert).collect()
-}
-
-/// Converts depth from distances along the ray.
-fn along_axis(mut view: LoadedView) -> LoadedView {
+/// Returns the depth of a view along the viewing axis if it is stored as distances along the ray.
+fn along_axis(view: &LoadedView) -> Vec<f32> {
     let [width, _] = view.size_px;
-    for (i, depth) in view.depth.iter_mut().enumerate() {
+    let convert = |(i, depth): (usize, &f32)| {
         let [x, y] = [i as u32 % width, i as u32 / width];
-        *depth /= ray_length(&view.lens, view.size_px, x, y) as f32;
-    }
-    view
+        depth / ray_length(&view.lens, view.size_px, x, y) as f32
+    };
+    view.depth.iter().enumerate().map(convert).collect()
 }
 
 fn ray_length(lens: &Lens, size_px: [u32; 2], x: u32, y: u32) -> f64 {
@@ -209,15 +198,21 @@ fn ray_length(lens: &Lens, size_px: [u32; 2], x: u32, y: u32) -> f64 {
 }
 
 /// Returns the kind of depth: distance along the ray if planes are flat or neighbours agree only
-/// so, else depth along the viewing axis.
-fn find_kind(pairs: &[Vec<LoadedView>]) -> DepthKind {
+/// so, else depth along the viewing axis. Depth of views is along the viewing axis afterwards.
+fn find_kind(pairs: &mut [Vec<LoadedView>]) -> DepthKind {
     let shapes: Vec<[f64; 2]> = pairs.iter().flatten().filter_map(flat_shares).collect();
     let mean = |k: usize| shapes.iter().map(|it| it[k]).sum::<f64>() / shapes.len() as f64;
     // NaN without any, which is neither.
     let [flat_eye, flat_ray] = [mean(0), mean(1)];
     let planes = [flat_ray > 0.5 && flat_eye < 0.2, flat_eye > 0.3];
     let eye = disagreement(pairs, 1.0);
-    let ray = disagreement(&pairs_along_axis(pairs), 1.0);
+    // Only the depth is copied: images may be large.
+    let mut stored = Vec::new();
+    for view in pairs.iter_mut().flatten() {
+        let converted = along_axis(view);
+        stored.push(std::mem::replace(&mut view.depth, converted));
+    }
+    let ray = disagreement(pairs, 1.0);
     let neighbors = match (eye, ray) {
         (Some(eye), Some(ray)) => [
             eye > 0.003 && ray < IMPROVEMENT * eye && ray < AGREEMENT,
@@ -228,6 +223,9 @@ fn find_kind(pairs: &[Vec<LoadedView>]) -> DepthKind {
     if (planes[0] && !neighbors[1]) || (neighbors[0] && !planes[1]) {
         DepthKind::RayDistance
     } else {
+        for (view, depth) in pairs.iter_mut().flatten().zip(stored) {
+            view.depth = depth;
+        }
         DepthKind::EyeDepth
     }
 }

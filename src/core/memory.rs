@@ -1,8 +1,8 @@
-//! The memory that decoders of input files may take: one budget for the whole process, so that
-//! many files, or a small one that declares much, end in an error and not in an abort.
+//! The memory that input files may take: one budget for the whole process, so that many files, or a
+//! small one that declares much, end in an error and not in an abort.
 //!
-//! A decoder calls [`reserve`] before it allocates what a file declares, and holds the
-//! [`Reservation`] while it decodes. What is kept afterwards counts as resident memory of the
+//! A decoder, or what is made of its output, calls [`reserve`] before it allocates, and holds the
+//! [`Reservation`] until it has. What is kept afterwards counts as resident memory of the
 //! process. While pages of a reservation are being written they count twice, so the budget is used
 //! up early, never late.
 

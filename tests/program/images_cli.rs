@@ -783,26 +783,44 @@ fn picture_defects_are_reported() {
     }
 }
 
-/// A long focal length makes large faces.
 #[test]
 fn captures_of_images_keep_the_memory_limit() {
-    let dir = tempfile::tempdir().unwrap();
-    let path = |name: &str| dir.path().join(name);
-    RgbImage::new(64, 64).save(path("a.png")).unwrap();
-    ImageBuffer::from_pixel(64, 64, Luma([2000u16]))
-        .save(path("depth.png"))
-        .unwrap();
-    let set = r#"{"w": 64, "h": 64, "fl_x": 2000, "fl_y": 2000, "cx": 32, "cy": 32,
-        "frames": [{"file_path": "a.png", "depth_file_path": "depth.png",
-        "transform_matrix": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]}]}"#;
-    std::fs::write(path("transforms.json"), set).unwrap();
-    let capture = ["capture", "transforms.json", "-o", "a.ldi", "--memory"];
-    fails(
-        dir.path(),
-        1,
-        &[&capture[..], &["256"]].concat(),
-        "merging the images needs at least 367 MiB",
-    );
-    assert!(!path("a.ldi").exists());
-    succeeds(dir.path(), &[&capture[..], &["1500"]].concat());
+    let capture = |side: u32, focal: u32, limit: &str, refused: Option<&str>| {
+        let dir = tempfile::tempdir().unwrap();
+        let path = |name: &str| dir.path().join(name);
+        RgbImage::new(side, side).save(path("a.png")).unwrap();
+        ImageBuffer::from_pixel(side, side, Luma([2000u16]))
+            .save(path("depth.png"))
+            .unwrap();
+        let set = format!(
+            r#"{{"w": {side}, "h": {side}, "fl_x": {focal}, "fl_y": {focal}, "cx": {0}, "cy": {0},
+            "frames": [{{"file_path": "a.png", "depth_file_path": "depth.png",
+            "transform_matrix": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]}}]}}"#,
+            side / 2
+        );
+        std::fs::write(path("transforms.json"), set).unwrap();
+        let arguments = [
+            "capture",
+            "transforms.json",
+            "-o",
+            "a.ldi",
+            "--memory",
+            limit,
+        ];
+        match refused {
+            Some(needed) => {
+                let message = format!("merging the images needs at least {needed} MiB");
+                fails(dir.path(), 1, &arguments, &message);
+            }
+            None => _ = succeeds(dir.path(), &arguments),
+        }
+        assert_eq!(path("a.ldi").exists(), refused.is_none());
+    };
+    // Faces of 4,000 pixels: their offsets.
+    capture(64, 2000, "256", Some("367"));
+    capture(64, 2000, "1500", None);
+    // Faces of 16 pixels: the samples of an image.
+    capture(2048, 8, "110", Some("96"));
+    // Faces of 2,000 pixels: the layers of its samples.
+    capture(2048, 1000, "200", Some("151"));
 }

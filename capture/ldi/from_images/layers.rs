@@ -129,9 +129,9 @@ impl LayerCube {
     }
 }
 
-/// Returns the memory of layers for samples of which none merge, bytes.
-pub(super) fn most_bytes(batches: &[RowSamples]) -> usize {
-    let counts = batches.iter().map(RowSamples::most);
+/// Returns the memory of the layers for samples if none of them merge, bytes.
+pub(super) fn max_layer_bytes(batches: &[RowSamples]) -> usize {
+    let counts = batches.iter().map(RowSamples::max_count);
     size_of::<Layer>() * counts.sum::<usize>()
 }
 

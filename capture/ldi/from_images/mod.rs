@@ -172,6 +172,7 @@ impl ImageSetCapture {
         let mut cube = LayerCube::new(self.face_size_px, self.merge_rule, tolerance);
         let pool = RowSamplePool::default();
         let reserve = |bytes| memory::reserve(bytes as u64).map_err(ImagesError::Memory);
+        // Before images are read: the faces alone may be too large.
         drop(reserve(cube.finished_bytes())?);
         for first in (0..count).step_by(BATCH) {
             if progress.is_cancelled() {
@@ -194,12 +195,12 @@ impl ImageSetCapture {
                 .into_iter()
                 .flatten()
                 .collect::<Vec<_>>();
-            if reserve(layers::most_bytes(&samples)).is_ok() {
+            if reserve(layers::max_layer_bytes(&samples)).is_ok() {
                 cube.add(&samples);
             } else {
                 // Images that show the same surfaces need less.
                 for image in samples.chunk_by(|a, b| a.image == b.image) {
-                    drop(reserve(layers::most_bytes(image))?);
+                    drop(reserve(layers::max_layer_bytes(image))?);
                     cube.add(image);
                 }
             }

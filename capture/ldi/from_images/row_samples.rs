@@ -150,7 +150,7 @@ impl RowSamples {
     }
 
     /// Maximum number of samples: the last chunk of each row may not be full.
-    pub(super) fn most(&self) -> usize {
+    pub(super) fn max_count(&self) -> usize {
         self.next.len() * CHUNK
     }
 

@@ -42,9 +42,9 @@ use std::path::Path;
 /// indices of the mesh, and what growing arrays leave unused.
 const TRIANGLE_BYTES: usize = 140;
 
-/// Memory of `tobj` for a place in its hash map of vertices, bytes: three indices in 64 bits, one
+/// Memory of `tobj` for a slot of its hash map of vertices, bytes: three indices in 64 bits, one
 /// in 32 and a byte of the map's own, and half as much for the map that it outgrew.
-const PLACE_BYTES: usize = 33 * 3 / 2;
+const SLOT_BYTES: usize = 33 * 3 / 2;
 
 /// Number of words before a file name that may be unknown options and their values.
 const MAX_UNKNOWN_WORDS: usize = 8;
@@ -116,8 +116,8 @@ fn parser_bytes(obj: &PreparedObj) -> usize {
         .map(|[positions, texcoords, normals]| 12 * positions + 8 * texcoords + 12 * normals)
         .sum();
     // The map doubles when seven eighths are full.
-    let places = (obj.vertices * 8 / 7 + 1).next_power_of_two();
-    numbers + PLACE_BYTES * places + TRIANGLE_BYTES * obj.triangles
+    let slots = (obj.vertices * 8 / 7 + 1).next_power_of_two();
+    numbers + SLOT_BYTES * slots + TRIANGLE_BYTES * obj.triangles
 }
 
 fn build(

@@ -31,7 +31,7 @@ const IGNORED: &str = "mtllib vp s deg bmat step cstype parm trim hole scrv sp e
 #[derive(Default)]
 pub(super) struct PreparedObj {
     pub(super) text: String,
-    /// Numbers of lines.
+    /// Numbers of `v`, `vt` and `vn` lines.
     pub(super) totals: Counts,
     /// Number of vertices of the mesh, or a few more: a position counts again if its texture
     /// coordinate or normal is not that of its last corner.

@@ -1,4 +1,4 @@
-//! What is drawn over the frame.
+//! Marks, maps and messages over the frame.
 
 pub(crate) mod divider;
 pub(crate) mod inset;
