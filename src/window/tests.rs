@@ -152,6 +152,31 @@ fn live_capture_saves_and_compares() {
 }
 
 #[test]
+fn headbox_is_captured_again_in_changed_light() {
+    let dir = tempfile::tempdir().unwrap();
+    let file = dir.path().join("miniature.ldi");
+    let mut source = open("builtin:miniature", dir.path()).unwrap();
+    first_round(&mut *source);
+    let start = source.start_pose();
+    let low_sun = [("sun-elevation", "10"), ("sun-strength", "1")];
+    loop {
+        let (_, report) = render(&mut *source, start, &low_sun);
+        assert!(
+            figure(&report, "depth pixels").is_some(),
+            "no gap between lights"
+        );
+        source.act("save").unwrap();
+        let saved = CubeLdi::read(&file).unwrap().info.light;
+        if let Some(sun) = saved.sun {
+            assert!(sun.to_string().ends_with(",10"), "{sun}");
+            assert!(saved.sun_strength.is_some());
+            break;
+        }
+        std::thread::sleep(std::time::Duration::from_millis(50));
+    }
+}
+
+#[test]
 fn sprites_are_shown_and_orbited() {
     let dir = tempfile::tempdir().unwrap();
     let file = dir.path().join("layers.sprite");

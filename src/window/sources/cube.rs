@@ -3,6 +3,7 @@
 
 use super::preview::Preview;
 use super::progressive_capture::{CaptureOptions, CapturePlace, CaptureStatus, ProgressiveCapture};
+use super::sun_settings::SunSettings;
 use super::view;
 use crate::facts::axes_fact;
 use crate::file_name::file_name;
@@ -10,10 +11,12 @@ use crate::terms::TERMS;
 use crate::threads::FewerThreads;
 use glam::DVec3;
 use headbox_core::file_frame::{FileFrame, figure, triple};
+use headbox_core::light_parameters::LightParameters;
 use headbox_core::view::StartView;
 use headbox_cube::pack::CubeLdi;
 use headbox_cube::view::CubeView;
 use headbox_ldi::scene_source::SceneSource;
+use headbox_scene::scene::Scene;
 use headbox_trace::bvh::Tracer;
 use headbox_trace::viewpoint::suggest_view;
 use headbox_viewer::{
@@ -81,6 +84,13 @@ struct LiveCapture {
     /// Index of the headbox that is captured.
     index: usize,
     begun: Instant,
+    /// The scene in the light in which it was opened.
+    opened: Arc<Scene>,
+    sun: SunSettings,
+    /// Light of the latest request, and when it changed.
+    requested_light: (LightParameters, Instant),
+    /// True if the cube that is shown is in another light than the one that is captured.
+    shows_old_light: bool,
     tracer: Arc<Tracer>,
     /// Preview of the scene before the first cube and outside of the headbox.
     preview: Preview,
@@ -101,6 +111,34 @@ impl LiveCapture {
         };
         self.output_dir.join(format!("{}{number}.ldi", self.stem))
     }
+
+    /// Restarts the capture in another place or light; also returns a warning about the headbox.
+    fn restart(
+        &mut self,
+        scene: &Arc<Scene>,
+        centre: DVec3,
+        half_size_m: f64,
+    ) -> Result<(Place, Option<String>), String> {
+        let frame = scene.frame;
+        let options = CaptureOptions {
+            centre: Some(frame.file_from_world(centre)),
+            half_size: Some(half_size_m / frame.unit_m),
+            ..self.options
+        };
+        let (capture, found) = ProgressiveCapture::restart(scene, &self.source, &options)?;
+        let CapturePlace {
+            tracer,
+            headbox,
+            warning,
+        } = found;
+        let place = Place::of_capture(&tracer, headbox.centre, headbox.half_size_m);
+        self.capture = capture;
+        self.begun = Instant::now();
+        self.preview = Preview::new(Arc::clone(&tracer));
+        self.tracer = tracer;
+        self.shows_old_light = false;
+        Ok((place, warning))
+    }
 }
 
 /// Id of the button that saves the LDI.
@@ -108,6 +146,9 @@ const SAVE: &str = "save";
 
 /// Interval between two polls of a live capture.
 const POLL: Duration = Duration::from_millis(250);
+
+/// Time for which light must not have changed before it is captured.
+const SETTLED: Duration = Duration::from_millis(500);
 
 impl CubeSource {
     /// Starts the capture of a scene, which can be saved in `output_dir`.
@@ -136,7 +177,12 @@ impl CubeSource {
             warning,
         } = found;
         let place = Place::of_capture(&tracer, headbox.centre, headbox.half_size_m);
+        let opened = Arc::clone(tracer.scene());
         let live = LiveCapture {
+            sun: SunSettings::new(&opened, &source.light),
+            opened,
+            requested_light: (source.light.clone(), Instant::now()),
+            shows_old_light: false,
             source,
             options,
             capture,
@@ -190,6 +236,10 @@ impl CubeSource {
     /// Replaces the cube of a headbox.
     fn show_at(&mut self, index: usize, cube: Arc<CubeLdi>) {
         let view = &mut self.headboxes[index].view;
+        if let Some(live) = self.live.as_mut().filter(|live| live.shows_old_light) {
+            live.shows_old_light = false;
+            *view = None;
+        }
         match (&mut *view, &self.live) {
             (Some(view), _) => view.show(cube),
             (None, Some(live)) => {
@@ -231,36 +281,62 @@ impl CubeSource {
         let Some(live) = &mut self.live else {
             return Err("Only a scene can be captured here.".into());
         };
-        let scene = live.tracer.scene();
-        let frame = scene.frame;
-        let options = CaptureOptions {
-            centre: Some(frame.file_from_world(centre)),
-            half_size: Some(half_size_m / frame.unit_m),
-            ..live.options
-        };
-        let (capture, found) = ProgressiveCapture::restart(scene, &live.source, &options)?;
-        let CapturePlace {
-            tracer,
-            headbox,
-            warning,
-        } = found;
+        let scene = Arc::clone(live.tracer.scene());
+        let (place, warning) = live.restart(&scene, centre, half_size_m)?;
         if self.headboxes[live.index].view.is_none() {
             self.headboxes.remove(live.index);
         }
-        let place = Place::of_capture(&tracer, headbox.centre, headbox.half_size_m);
         self.headboxes.push(ShownHeadbox { place, view: None });
         self.shown = self.headboxes.len() - 1;
         live.index = self.shown;
-        live.capture = capture;
-        live.begun = Instant::now();
-        live.preview = Preview::new(Arc::clone(&tracer));
-        live.tracer = tracer;
         let here = format!(
             "Capturing --center {} --half-size {} (in the file's axes and unit).",
-            triple(frame.file_from_world(headbox.centre)),
-            figure(headbox.half_size_m / frame.unit_m)
+            triple(scene.frame.file_from_world(place.centre)),
+            figure(place.half_size_m / scene.frame.unit_m)
         );
         Ok(warning.map_or(here.clone(), |warning| format!("{here} But {warning}.")))
+    }
+
+    /// Captures the shown headbox again once the light of the requests has changed and settled. Its
+    /// cube is shown until there is one in the new light. Returns true if new light has not settled.
+    fn follow_light(&mut self, request: &FrameRequest) -> Result<bool, String> {
+        let Some(live) = &mut self.live else {
+            return Ok(false);
+        };
+        let light = live.sun.light(&request.settings)?;
+        let (requested, since) = &mut live.requested_light;
+        if *requested != light {
+            *requested = light.clone();
+            *since = Instant::now();
+        }
+        if light == live.source.light {
+            return Ok(false);
+        }
+        if since.elapsed() < SETTLED {
+            return Ok(true);
+        }
+        self.update()?;
+        let place = *self.place();
+        let Some(live) = &mut self.live else {
+            return Ok(false);
+        };
+        let mut scene = Scene::clone(&live.opened);
+        if let Err(error) = scene.set_light(&light) {
+            live.requested_light.1 = Instant::now(); // tries again later
+            return Err(error.to_string());
+        }
+        live.source.light = light;
+        live.restart(&Arc::new(scene), place.centre, place.half_size_m)?;
+        let before = std::mem::replace(&mut live.index, self.shown);
+        live.shows_old_light = self.headboxes[self.shown].view.is_some();
+        if before != self.shown && self.headboxes[before].view.is_none() {
+            self.headboxes.remove(before);
+            if before < self.shown {
+                self.shown -= 1;
+                live.index = self.shown;
+            }
+        }
+        Ok(false)
     }
 
     fn show_headbox(&mut self, index: usize) -> Result<String, String> {
@@ -341,6 +417,7 @@ impl FrameSource for CubeSource {
     fn settings(&self) -> Vec<Setting> {
         let mut settings = view::settings(TruthView::setting_table());
         if let Some(live) = &self.live {
+            settings.extend(live.sun.settings());
             let tip = format!(
                 "Writes the LDI as captured so far to {}.",
                 live.file(self.shown).display()
@@ -355,9 +432,10 @@ impl FrameSource for CubeSource {
         request: &FrameRequest,
         pixels: &mut [[u8; 4]],
     ) -> Result<FrameReport, String> {
+        let is_settling = self.follow_light(request)?;
         let status = self.update()?;
         let ongoing = status.and_then(|status| self.ongoing(&status));
-        let polls = ongoing.is_some();
+        let polls = ongoing.is_some() || is_settling;
         let ShownHeadbox { place, view } = &mut self.headboxes[self.shown];
         let is_outside = !place.bounds().contains(request.camera.eye());
         let mut report = match (view, &mut self.live) {

@@ -7,4 +7,5 @@ mod live;
 mod photographs;
 mod preview;
 pub(crate) mod progressive_capture;
+mod sun_settings;
 pub(crate) mod view;

@@ -1,0 +1,195 @@
+//! Sun and sky of a live capture as settings of the window.
+
+use headbox_core::color::luminance;
+use headbox_core::light_parameters::{LightParameters, SunPosition};
+use headbox_core::view::{SettingError, SettingValues};
+use headbox_scene::scene::{Scene, Sun};
+use headbox_viewer::Setting;
+
+/// Ids of the settings.
+const SUN: &str = "sun";
+const AZIMUTH: &str = "sun-azimuth";
+const ELEVATION: &str = "sun-elevation";
+const STRENGTH: &str = "sun-strength";
+const SKY_TURN: &str = "sky-turn";
+
+/// Heading of the settings.
+const GROUP: &str = "Sun and sky";
+
+/// Settings of a scene's sun and sky. Their initial values are the light in which the scene was
+/// opened.
+pub(super) struct SunSettings {
+    opened: LightParameters,
+    /// Luminance of the sun's irradiance, of the default sun if the scene has none.
+    strength: f32,
+    settings: Vec<Setting>,
+    initial: SettingValues,
+}
+
+impl SunSettings {
+    /// Creates the settings of a scene that was opened in the light `opened`.
+    pub(super) fn new(scene: &Scene, opened: &LightParameters) -> Self {
+        let sun = scene.sun.unwrap_or_default();
+        let settings = controls(scene.sun.is_some(), &sun, opened);
+        Self {
+            opened: opened.clone(),
+            strength: luminance(sun.irradiance),
+            initial: SettingValues::initial(&settings),
+            settings,
+        }
+    }
+
+    /// The controls.
+    pub(super) fn settings(&self) -> impl Iterator<Item = Setting> + '_ {
+        self.settings.iter().cloned()
+    }
+
+    /// The light that the controls specify; what has its initial value is as it was opened.
+    ///
+    /// # Errors
+    /// If `values` are not those of these settings.
+    pub(super) fn light(&self, values: &SettingValues) -> Result<LightParameters, SettingError> {
+        let mut light = self.opened.clone();
+        let place = |values: &SettingValues| -> Result<_, SettingError> {
+            let angles = [AZIMUTH, ELEVATION].map(|id| values.number(id));
+            let [azimuth, elevation] = angles;
+            Ok((values.toggle(SUN)?, azimuth?, elevation?))
+        };
+        let (has_sun, azimuth, elevation) = place(values)?;
+        if place(&self.initial)? != (has_sun, azimuth, elevation) {
+            light.sun = Some(match has_sun {
+                true => SunPosition::Angles { azimuth, elevation },
+                false => SunPosition::Off,
+            });
+        }
+        let stops = values.number(STRENGTH)?;
+        if stops != 0.0 {
+            light.sun_strength = Some(self.strength * stops.exp2() as f32);
+        }
+        if light.sky.is_some() {
+            light.sky_turn = values.number(SKY_TURN)?;
+        }
+        Ok(light)
+    }
+}
+
+fn controls(has_sun: bool, sun: &Sun, opened: &LightParameters) -> Vec<Setting> {
+    let [x, y, z] = sun.direction.to_array().map(f64::from);
+    let azimuth = x.atan2(-z).to_degrees();
+    let elevation = y.clamp(-1.0, 1.0).asin().to_degrees();
+    let again = "The headbox that is shown is captured again when this has changed.";
+    let turn = |id, label: &str, tip: &str, value, most: f64| {
+        let tip = format!("{tip} {again}");
+        Setting::number(id, label, &tip, value, -most..=most, "\u{b0}")
+    };
+    let mut controls = vec![
+        Setting::toggle(
+            SUN,
+            "Sun",
+            &format!("Whether the sun shines. {again}"),
+            has_sun,
+        ),
+        turn(
+            AZIMUTH,
+            "Azimuth",
+            "Direction of the sun, from north (-Z; +Y where Z is up) to east: the first number of --sun.",
+            azimuth,
+            180.0,
+        ),
+        turn(
+            ELEVATION,
+            "Elevation",
+            "Height of the sun above the horizon: the second number of --sun.",
+            elevation,
+            90.0,
+        ),
+        Setting::number(
+            STRENGTH,
+            "Strength",
+            &format!(
+                "Strength of the sun relative to that of the file or of --sun-strength. {again}"
+            ),
+            0.0,
+            -6.0..=6.0,
+            "stops",
+        ),
+    ];
+    if opened.sky.is_some() {
+        let tip = "Rotation of the sky image, from north to east, as --sky-turn.";
+        controls.push(turn(SKY_TURN, "Sky", tip, opened.sky_turn, 360.0));
+    }
+    let folded = |control: Setting| control.folded_under(GROUP);
+    controls.into_iter().map(folded).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use headbox_core::file_frame::FileFrame;
+
+    fn light(settings: &SunSettings, texts: &[(&str, &str)]) -> LightParameters {
+        let known: Vec<Setting> = settings.settings().collect();
+        let mut values = SettingValues::initial(&known);
+        for (id, text) in texts {
+            values.set_text(&known, id, text).unwrap();
+        }
+        settings.light(&values).unwrap()
+    }
+
+    #[test]
+    fn unchanged_settings_keep_the_light_as_opened() {
+        for sun in [None, Some(Sun::default())] {
+            let scene = Scene {
+                sun,
+                ..Scene::default()
+            };
+            let opened = LightParameters {
+                sun_strength: sun.map(|_| 5.0),
+                ..LightParameters::default()
+            };
+            let settings = SunSettings::new(&scene, &opened);
+            assert_eq!(light(&settings, &[]), opened);
+        }
+    }
+
+    #[test]
+    fn changed_settings_are_the_flags_of_a_capture() {
+        let scene = Scene {
+            sun: Some(Sun::default()),
+            ..Scene::default()
+        };
+        let settings = SunSettings::new(&scene, &LightParameters::default());
+        let strength = luminance(Sun::default().irradiance);
+        let dimmed = light(&settings, &[("sun-strength", "-1")]);
+        assert_eq!(
+            (dimmed.sun, dimmed.sun_strength),
+            (None, Some(strength / 2.0))
+        );
+        let moved = light(&settings, &[("sun-elevation", "10")]).sun.unwrap();
+        let toward = moved.direction(&FileFrame::default()).unwrap();
+        let default = Sun::default().direction;
+        assert!(
+            (toward.y.asin().to_degrees() - 10.0).abs() < 1e-3,
+            "{toward}"
+        );
+        let level = |direction: glam::Vec3| direction.with_y(0.0).normalize();
+        assert!(level(toward).distance(level(default)) < 1e-5, "{toward}");
+        assert_eq!(
+            light(&settings, &[("sun", "off")]).sun,
+            Some(SunPosition::Off)
+        );
+    }
+
+    #[test]
+    fn sky_images_are_turned() {
+        let opened = LightParameters {
+            sky: Some("sky.hdr".into()),
+            sky_turn: 20.0,
+            ..LightParameters::default()
+        };
+        let settings = SunSettings::new(&Scene::default(), &opened);
+        assert_eq!(light(&settings, &[]), opened);
+        let turned = light(&settings, &[("sky-turn", "90")]);
+        assert_eq!((turned.sky_turn, turned.sun), (90.0, None));
+    }
+}
