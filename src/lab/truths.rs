@@ -298,7 +298,7 @@ mod tests {
 
     #[test]
     fn error_excludes_truth_noise() {
-        let scene = Arc::new(headbox_scenes::build("interior", 0).expect("built in"));
+        let scene = Arc::new(headbox_scenes::build("ward", 0).expect("built in"));
         let centre = scene.headbox.expect("it has one").centre;
         let tracer = Tracer::new(scene, centre);
         let lighting = Lighting::measure(&tracer, 1);

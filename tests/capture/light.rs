@@ -549,7 +549,7 @@ fn exposure_is_metered_or_as_specified() {
     let usual = exposed(1.0, Exposure::default());
     assert_eq!(exposed(1.0, Exposure::Auto(-2.0)), usual / 4.0);
     assert_eq!(exposed(1.0, Exposure::Stops(3.0)), 8.0);
-    // The same image for any factor between lux and radiance units: bounced light is not clamped.
+    // The same image for any factor between lux and radiance units.
     for factor in [1e-4, 3e4] {
         let off = exposed(factor, Exposure::default()) * factor / usual;
         assert!((off - 1.0).abs() < 0.01, "{factor}: {off}");

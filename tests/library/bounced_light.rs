@@ -56,8 +56,7 @@ fn furnace() -> (Tracer, Lighting) {
         emission: [1.0; 3],
         ..Material::default()
     });
-    let mut lighting = Lighting::unmetered(&tracer, Bounces::Full);
-    lighting.exposure = 1e-6; // so dark that no bounce is clamped as too bright
+    let lighting = Lighting::unmetered(&tracer, Bounces::Full);
     (tracer, lighting)
 }
 

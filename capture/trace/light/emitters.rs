@@ -3,8 +3,7 @@
 //!
 //! Both are combined by the balance heuristic, as for the sky ([`super::sky`]): a sampled point
 //! then never contributes more than the lamp's radiance (four times that with guided rays), however
-//! close the lit point is, where points alone would be rare and thousands of times too bright. At
-//! the last vertex of a path, whose rays are not tested for emitters, only points are used.
+//! close the lit point is, where points alone would be rare and thousands of times too bright.
 
 use super::guide::Directions;
 use super::light_tree::{Leaf, LightTree};

@@ -3,10 +3,10 @@
 //! A room is lit through its windows, and few cosine-weighted rays hit one. Surface points are
 //! therefore hashed into cells by position and normal, and each cell learns a density over the unit
 //! square from which cosine-weighted directions are warped: high where bright light arrived. Guided
-//! rays are weighted by its reciprocal, so that no mean changes except that of clamped light
-//! (Jensen 1995, "Importance Driven Path Tracing using the Photon Map"; Mueller et al. 2017,
-//! "Practical Path Guiding"), and the density is proportional to the root mean square of the light,
-//! which minimises the variance of one ray (Rath et al. 2020, "Variance-Aware Path Guiding").
+//! rays are weighted by its reciprocal, so that no mean changes (Jensen 1995, "Importance Driven
+//! Path Tracing using the Photon Map"; Mueller et al. 2017, "Practical Path Guiding"), and the
+//! density is proportional to the root mean square of the light, which minimises the variance of
+//! one ray (Rath et al. 2020, "Variance-Aware Path Guiding").
 
 use super::cells::{CellGrid, CellPoint, by_cell};
 use super::path::{FIRST_DIRECTION, Path};

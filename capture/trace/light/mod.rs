@@ -149,9 +149,6 @@ pub struct LightSample {
     pub index: u32,
 }
 
-/// Maximum number of metering iterations to find an exposure under which no light was clamped.
-const MAX_METERING_ITERATIONS: u32 = 8;
-
 /// Offset from the dimension of a decision's pair of numbers to that of its single number.
 const SINGLE: u32 = 1 << 30;
 
@@ -223,18 +220,7 @@ impl Lighting {
     pub fn measure_at(tracer: &Tracer, place: DVec3, bounces: impl Into<Bounces>) -> Self {
         let mut lighting = Self::unmetered(tracer, bounces);
         let pilot = Pilot::new(tracer, place);
-        let mut exposed = lighting.meter(tracer, &pilot);
-        // Very bright light is clamped ([`MAX_BOUNCE_RADIANCE`]) according to an exposure that is
-        // not known yet: a scene lit by sunlight in lux is metered again with the exposure just
-        // measured.
-        for _ in 0..MAX_METERING_ITERATIONS {
-            if exposed >= 0.5 * lighting.exposure {
-                break;
-            }
-            lighting.exposure = exposed;
-            lighting.fill = FillLight::default();
-            exposed = lighting.meter(tracer, &pilot);
-        }
+        let exposed = lighting.meter(tracer, &pilot);
         lighting.exposure = tracer.scene().exposure.factor(exposed);
         lighting
     }

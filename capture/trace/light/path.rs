@@ -9,13 +9,6 @@ use headbox_core::bounces::Bounces;
 /// Number of bounces after which Russian roulette starts.
 const ROULETTE_BOUNCES: u32 = 3;
 
-/// Maximum contribution of one bounce of one sample, in exposed units (1 is white). Where a path
-/// ends close to a small lamp, the inverse square makes rare samples thousands of times too bright,
-/// which no affordable number of samples averages out. Capture and truth are clamped alike. Sky
-/// light along rays is not clamped (bright spots of a sky image are a small part of it), nor is
-/// fill light.
-const MAX_BOUNCE_RADIANCE: f32 = 4.0;
-
 /// Number of random decisions at each vertex of a path: sun, emitter, direction, survival.
 const DECISIONS: u32 = 4;
 
@@ -60,9 +53,9 @@ impl Path {
         }
     }
 
-    /// Adds light at the current vertex; each channel of its contribution is at most `brightest`.
-    fn add(&mut self, light: Vec3, brightest: f32) {
-        self.sum += (self.throughput * light).min(Vec3::splat(brightest)) * self.weight;
+    /// Adds light at the current vertex.
+    fn add(&mut self, light: Vec3) {
+        self.sum += self.throughput * light * self.weight;
     }
 }
 
@@ -112,11 +105,9 @@ impl Lighting {
         for bounce in 1..=self.last_bounce() {
             if let Some(light) = find(&path.point) {
                 let factor = path.throughput * path.weight;
-                // Lamps are also sampled by the ray that leaves the cell, as in complete paths,
-                // whose light is clamped less often than that of next-event estimation alone.
                 let vertex = Vertex {
                     bounce,
-                    is_last: self.emitters.is_empty(),
+                    is_last: true,
                 };
                 self.light_vertex(tracer, path, vertex, sample);
                 return Some((light, factor));
@@ -137,8 +128,7 @@ impl Lighting {
         directions: Option<&Directions<'_>>,
     ) -> Vec3 {
         let dimension = vertex.dimension();
-        let shared = directions.filter(|_| !self.samples_only_sky(vertex));
-        let mut direct = self.emitter_light(tracer, point, sample, dimension, shared);
+        let mut direct = self.emitter_light(tracer, point, sample, dimension, directions);
         if let Some(directions) = directions {
             direct += self.sky_light(tracer, point, sample, dimension, directions);
         }
@@ -149,19 +139,11 @@ impl Lighting {
         direct
     }
 
-    /// Returns the maximum contribution of a vertex, per channel.
-    fn brightest(&self, vertex: Vertex) -> f32 {
-        if vertex.bounce > 0 {
-            MAX_BOUNCE_RADIANCE / self.exposure
-        } else {
-            f32::INFINITY
-        }
-    }
-
-    /// Returns true if the ray from a vertex samples only the sky. This is so for the last ray of a
-    /// path that has bounced: its emitters are sampled by next-event estimation only.
+    /// Returns true if the ray from a vertex samples only the sky: it is the last of a path that has
+    /// bounced, and there are no emissive triangles. These are sampled by rays as well, because
+    /// next-event estimation alone has a variance without bound near one.
     fn samples_only_sky(&self, vertex: Vertex) -> bool {
-        vertex.bounce > 0 && vertex.is_last && self.fill.radiance == 0.0
+        vertex.bounce > 0 && vertex.is_last && self.fill.radiance == 0.0 && self.emitters.is_empty()
     }
 
     /// Adds the light at the path's vertex and moves the path to the next hit. Returns the distance
@@ -177,7 +159,7 @@ impl Lighting {
         let is_traced = self.sky.is_some() || !self.samples_only_sky(vertex);
         let directions = is_traced.then(|| self.directions(&path.point));
         let direct = self.direct(tracer, &path.point, sample, vertex, directions.as_ref());
-        path.add(direct, self.brightest(vertex));
+        path.add(direct);
         self.trace_next_ray(tracer, path, vertex, sample, &directions?)
     }
 
@@ -193,7 +175,6 @@ impl Lighting {
     ) -> Option<f32> {
         let dimension = vertex.dimension();
         let point = path.point;
-        let brightest = self.brightest(vertex);
         let (direction, weight) = directions.sample(sample.pair(dimension + FIRST_DIRECTION));
         path.weight *= weight;
         if direction.dot(point.normal) <= 0.0 {
@@ -210,22 +191,17 @@ impl Lighting {
             tracer.closest(&ray)
         };
         let Some(hit) = hit else {
-            path.add(
-                self.sky_light_from_miss(&point, direction, directions) + self.fill.radiance,
-                f32::INFINITY,
-            );
+            let sky = self.sky_light_from_miss(&point, direction, directions);
+            path.add(sky + self.fill.radiance);
             return None;
         };
         if self.fill.radiance > 0.0 {
             let openness = (hit.t / self.fill.reach_m).min(1.0);
-            path.add(
-                Vec3::splat(self.fill.radiance * openness * openness),
-                f32::INFINITY,
-            );
+            path.add(Vec3::splat(self.fill.radiance * openness * openness));
         }
         let (next, surface) = LitPoint::from_hit(tracer, &ray, &hit);
         let emitted = self.emitter_light_from_hit(tracer, &point, &ray, &hit, &surface, directions);
-        path.add(emitted, brightest);
+        path.add(emitted);
         path.point = next;
         path.throughput *= Vec3::from_array(surface.albedo);
         if vertex.bounce >= ROULETTE_BOUNCES {
