@@ -51,15 +51,18 @@ impl SunSettings {
     pub(super) fn light(&self, values: &SettingValues) -> Result<LightParameters, SettingError> {
         let mut light = self.opened.clone();
         let place = |values: &SettingValues| -> Result<_, SettingError> {
-            let angles = [AZIMUTH, ELEVATION].map(|id| values.number(id));
-            let [azimuth, elevation] = angles;
-            Ok((values.toggle(SUN)?, azimuth?, elevation?))
+            Ok((
+                values.toggle(SUN)?,
+                values.number(AZIMUTH)?,
+                values.number(ELEVATION)?,
+            ))
         };
         let (has_sun, azimuth, elevation) = place(values)?;
         if place(&self.initial)? != (has_sun, azimuth, elevation) {
-            light.sun = Some(match has_sun {
-                true => SunPosition::Angles { azimuth, elevation },
-                false => SunPosition::Off,
+            light.sun = Some(if has_sun {
+                SunPosition::Angles { azimuth, elevation }
+            } else {
+                SunPosition::Off
             });
         }
         let stops = values.number(STRENGTH)?;
