@@ -165,6 +165,7 @@ fn headbox_is_captured_again_in_changed_light() {
             figure(&report, "depth pixels").is_some(),
             "no gap between lights"
         );
+        assert!(report.refinement != Refinement::Done, "not captured again");
         source.act("save").unwrap();
         let saved = CubeLdi::read(&file).unwrap().info.light;
         if let Some(sun) = saved.sun {

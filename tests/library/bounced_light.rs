@@ -56,7 +56,8 @@ fn furnace() -> (Tracer, Lighting) {
         emission: [1.0; 3],
         ..Material::default()
     });
-    let lighting = Lighting::unmetered(&tracer, Bounces::Full);
+    let mut lighting = Lighting::unmetered(&tracer, Bounces::Full);
+    lighting.exposure = 1e3; // light far above white is not limited
     (tracer, lighting)
 }
 

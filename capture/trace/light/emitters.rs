@@ -145,6 +145,7 @@ impl Lighting {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::light::path::Path;
     use crate::light::tests::{add_quad, lit_point};
     use glam::{DVec3, Vec2, dvec3};
     use headbox_scene::material::{Cutout, Material, Texture};
@@ -236,6 +237,25 @@ mod tests {
                 "{h} m, {pieces} pieces: {mean}, not {expected}"
             );
         }
+    }
+
+    #[test]
+    fn last_vertex_near_lamp_is_within_bound() {
+        let tracer = Tracer::new(Arc::new(lamp_scene(3.0, 1)), DVec3::ZERO);
+        let lighting = Lighting::unmetered(&tracer, 1);
+        let point = lit_point(Vec3::new(0.0, -1e-3, 0.0), Vec3::Y, 1.0);
+        let mean = mean(|sample| {
+            let mut path = Path::new(&point);
+            lighting.light_vertex(&tracer, &mut path, lighting.vertex(1), sample);
+            // By one point and one ray.
+            assert!(path.sum.x <= 3.0 * 1.001 * 2.0, "{}", path.sum);
+            path.sum
+        });
+        let expected = 3.0 * form_factor(1e-3);
+        assert!(
+            (mean - expected).abs() < 0.03 * expected,
+            "{mean}, not {expected}"
+        );
     }
 
     #[test]

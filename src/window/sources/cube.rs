@@ -11,6 +11,7 @@ use crate::terms::TERMS;
 use crate::threads::FewerThreads;
 use glam::DVec3;
 use headbox_core::file_frame::{FileFrame, figure, triple};
+use headbox_core::headbox::Headbox;
 use headbox_core::light_parameters::LightParameters;
 use headbox_core::view::StartView;
 use headbox_cube::pack::CubeLdi;
@@ -58,13 +59,17 @@ pub(super) struct Place {
 
 impl Place {
     /// The place of a capture, looking toward what there is to see.
-    fn of_capture(tracer: &Tracer, centre: DVec3, half_size_m: f64) -> Self {
+    fn of_capture(found: &CapturePlace) -> Self {
+        let Headbox {
+            centre,
+            half_size_m,
+        } = found.headbox;
         Self {
             centre,
             half_size_m,
-            ahead: suggest_view(tracer, centre),
+            ahead: suggest_view(&found.tracer, centre),
             up: DVec3::Y,
-            frame: tracer.scene().frame,
+            frame: found.tracer.scene().frame,
         }
     }
 
@@ -126,18 +131,13 @@ impl LiveCapture {
             ..self.options
         };
         let (capture, found) = ProgressiveCapture::restart(scene, &self.source, &options)?;
-        let CapturePlace {
-            tracer,
-            headbox,
-            warning,
-        } = found;
-        let place = Place::of_capture(&tracer, headbox.centre, headbox.half_size_m);
+        let place = Place::of_capture(&found);
         self.capture = capture;
         self.begun = Instant::now();
-        self.preview = Preview::new(Arc::clone(&tracer));
-        self.tracer = tracer;
+        self.preview = Preview::new(Arc::clone(&found.tracer));
+        self.tracer = found.tracer;
         self.shows_old_light = false;
-        Ok((place, warning))
+        Ok((place, found.warning))
     }
 }
 
@@ -171,13 +171,8 @@ impl CubeSource {
             file_name(Path::new(&source.name))
         };
         let (capture, found) = ProgressiveCapture::start(&source, &options)?;
-        let CapturePlace {
-            tracer,
-            headbox,
-            warning,
-        } = found;
-        let place = Place::of_capture(&tracer, headbox.centre, headbox.half_size_m);
-        let opened = Arc::clone(tracer.scene());
+        let place = Place::of_capture(&found);
+        let opened = Arc::clone(found.tracer.scene());
         let live = LiveCapture {
             sun: SunSettings::new(&opened, &source.light),
             opened,
@@ -188,9 +183,9 @@ impl CubeSource {
             capture,
             index: 0,
             begun: Instant::now(),
-            preview: Preview::new(Arc::clone(&tracer)),
-            tracer,
-            warning,
+            preview: Preview::new(Arc::clone(&found.tracer)),
+            tracer: found.tracer,
+            warning: found.warning,
             output_dir: output_dir.to_owned(),
             stem,
         };
@@ -315,11 +310,7 @@ impl CubeSource {
         if since.elapsed() < SETTLED {
             return Ok(true);
         }
-        self.update()?;
-        let place = *self.place();
-        let Some(live) = &mut self.live else {
-            return Ok(false);
-        };
+        let place = self.headboxes[self.shown].place;
         let mut scene = Scene::clone(&live.opened);
         if let Err(error) = scene.set_light(&light) {
             live.requested_light.1 = Instant::now(); // tries again later

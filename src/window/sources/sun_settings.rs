@@ -50,23 +50,22 @@ impl SunSettings {
     /// If `values` are not those of these settings.
     pub(super) fn light(&self, values: &SettingValues) -> Result<LightParameters, SettingError> {
         let mut light = self.opened.clone();
-        let place = |values: &SettingValues| -> Result<_, SettingError> {
+        let sun = |values: &SettingValues| -> Result<_, SettingError> {
             Ok((
                 values.toggle(SUN)?,
                 values.number(AZIMUTH)?,
                 values.number(ELEVATION)?,
             ))
         };
-        let (has_sun, azimuth, elevation) = place(values)?;
-        if place(&self.initial)? != (has_sun, azimuth, elevation) {
-            light.sun = Some(if has_sun {
-                SunPosition::Angles { azimuth, elevation }
-            } else {
-                SunPosition::Off
-            });
+        let opened = sun(&self.initial)?;
+        let (shines, azimuth, elevation) = sun(values)?;
+        if shines && opened != (shines, azimuth, elevation) {
+            light.sun = Some(SunPosition::Angles { azimuth, elevation });
+        } else if !shines && opened.0 {
+            light.sun = Some(SunPosition::Off);
         }
         let stops = values.number(STRENGTH)?;
-        if stops != 0.0 {
+        if shines && stops != 0.0 {
             light.sun_strength = Some(self.strength * stops.exp2() as f32);
         }
         if light.sky.is_some() {
@@ -181,6 +180,15 @@ mod tests {
             light(&settings, &[("sun", "off")]).sun,
             Some(SunPosition::Off)
         );
+    }
+
+    #[test]
+    fn without_a_sun_its_place_and_strength_change_nothing() {
+        let settings = SunSettings::new(&Scene::default(), &LightParameters::default());
+        let moved = [("sun-azimuth", "40"), ("sun-strength", "2")];
+        assert_eq!(light(&settings, &moved), LightParameters::default());
+        let added = light(&settings, &[("sun", "on")]);
+        assert!(added.sun.is_some() && added.sun_strength.is_none());
     }
 
     #[test]
