@@ -11,7 +11,6 @@
 //! continues, so that nothing is lost.
 
 use super::cells::{CellGrid, CellPoint, by_cell};
-use super::guide::Directions;
 use super::path::Path;
 use super::{LightSample, Lighting, LitPoint};
 use crate::bvh::{Ray, Tracer};
@@ -156,7 +155,7 @@ impl Lighting {
             let mut path = Path::new(point);
             // Bounced light comes from everywhere, unlike the light for which directions are
             // guided.
-            let directions = Directions::unguided(point);
+            let directions = self.unguided_directions(point);
             let next = self.trace_next_ray(tracer, &mut path, self.vertex(0), &sample, &directions);
             if next.is_none() {
                 continue;

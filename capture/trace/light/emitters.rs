@@ -2,8 +2,9 @@
 //! by rays of a path that hit one.
 //!
 //! Both are combined by the balance heuristic, as for the sky ([`super::sky`]): a sampled point
-//! then never contributes more than the lamp's radiance (four times that with guided rays), however
-//! close the lit point is, where points alone would be rare and thousands of times too bright.
+//! then never contributes more than the lamp's radiance (six times that with guided and aimed rays),
+//! however close the lit point is, where points alone would be rare and thousands of times too
+//! bright.
 
 use super::guide::Directions;
 use super::light_tree::{Leaf, LightTree};
@@ -34,8 +35,18 @@ pub(super) fn emitter_tree(tracer: &Tracer) -> LightTree {
     LightTree::new((0..scene.triangles.len() as u32).filter_map(leaf).collect())
 }
 
+/// Maps two numbers in [0, 1) to barycentric coordinates that are uniform on a triangle: folds the
+/// far half of the square back (no square root needed).
+pub(super) fn point_on_triangle([s, t]: [f32; 2]) -> [f32; 2] {
+    if s + t > 1.0 {
+        [1.0 - s, 1.0 - t]
+    } else {
+        [s, t]
+    }
+}
+
 /// Returns the area of a triangle, square metres.
-fn area([a, b, c]: [Vec3; 3]) -> f32 {
+pub(super) fn area([a, b, c]: [Vec3; 3]) -> f32 {
     0.5 * (b - a).cross(c - a).length()
 }
 
@@ -59,13 +70,7 @@ impl Lighting {
         else {
             return Vec3::ZERO;
         };
-        let [s, t] = sample.pair(dimension + 1);
-        // Uniform on the triangle: folds the far half of the square back (no square root needed).
-        let (u, v) = if s + t > 1.0 {
-            (1.0 - s, 1.0 - t)
-        } else {
-            (s, t)
-        };
+        let [u, v] = point_on_triangle(sample.pair(dimension + 1));
         let corners @ [a, b, c] = tracer.triangle(primitive);
         let target = a + (b - a) * u + (c - a) * v;
         let origin = point.ray_origin();
@@ -107,7 +112,10 @@ impl Lighting {
             return Vec3::ZERO;
         }
         let density = probability * distance2 / (area(corners) * cos_there);
-        let ray_density = shared.map_or(0.0, |directions| directions.density(direction, cos_here));
+        let hit = Some((primitive, distance2.sqrt()));
+        let ray_density = shared.map_or(0.0, |directions| {
+            directions.density(tracer, direction, cos_here, hit)
+        });
         let emission = tracer.scene().emission(primitive, u, v);
         Vec3::from_array(emission) * (cos_here / PI / (density + ray_density))
     }
@@ -128,7 +136,12 @@ impl Lighting {
         }
         let cos_here = ray.direction.dot(point.shading_normal);
         let ray_density = directions
-            .density(ray.direction, cos_here)
+            .density(
+                tracer,
+                ray.direction,
+                cos_here,
+                Some((hit.primitive, hit.t)),
+            )
             .max(f32::MIN_POSITIVE);
         let cos_there = ray
             .direction

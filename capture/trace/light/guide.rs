@@ -10,9 +10,10 @@
 
 use super::cells::{CellGrid, CellPoint, by_cell};
 use super::path::{FIRST_DIRECTION, Path};
+use super::reflectors::{AIMED_FRACTION, Reflectors};
 use super::square::{BINS, SquareDensity};
 use super::{LightSample, Lighting, LitPoint, srgb_slope};
-use crate::bvh::{Ray, Tracer};
+use crate::bvh::{Hit, Ray, Tracer};
 use crate::light::square;
 use crate::sampler::{cosine_direction, random4, square_from_disk};
 use glam::{Quat, Vec3};
@@ -68,44 +69,109 @@ impl Guide {
     }
 }
 
-/// Distribution of the rays that leave a point: cosine-weighted about its shading normal, or
-/// guided.
+/// Distribution of the rays that leave a point: some aimed at reflectors, the others
+/// cosine-weighted about its shading normal, or guided.
 pub(super) struct Directions<'a> {
     /// Rotation from +Z to the shading normal.
     turn: Quat,
     guide: Option<&'a SquareDensity>,
+    reflectors: Option<Reflectors<'a>>,
+}
+
+/// Direction of a ray before it is traced.
+#[derive(Clone, Copy)]
+pub(super) struct Aim {
+    /// Unit direction.
+    pub(super) direction: Vec3,
+    /// Reflector at which the ray is aimed; it counts only if it hits that triangle.
+    target: Option<u32>,
+    /// Density of the rays that are not aimed, over the cosine-weighted one.
+    guided: f32,
+}
+
+impl Aim {
+    /// Returns true if the ray is aimed at a reflector.
+    pub(super) fn is_aimed(&self) -> bool {
+        self.target.is_some()
+    }
 }
 
 impl Directions<'_> {
-    /// Creates a cosine-weighted distribution.
-    pub(super) fn unguided(point: &LitPoint) -> Self {
-        Self {
-            turn: Quat::from_rotation_arc(Vec3::Z, point.shading_normal),
-            guide: None,
+    /// Samples the direction of a ray by decision `dimension`.
+    pub(super) fn sample(&self, tracer: &Tracer, sample: &LightSample, dimension: u32) -> Aim {
+        let pair = sample.pair(dimension);
+        let aimed = self.reflectors.and_then(|reflectors| {
+            let number = sample.single(dimension) / AIMED_FRACTION;
+            (number < 1.0).then(|| reflectors.aim(tracer, number, pair))?
+        });
+        let Some((direction, target)) = aimed else {
+            return self.sample_unaimed(pair);
+        };
+        Aim {
+            direction,
+            target: Some(target),
+            guided: self.guided_density(direction),
         }
     }
 
-    /// Maps two numbers in [0, 1) to a unit direction and its importance weight: 1 if
-    /// cosine-weighted.
-    pub(super) fn sample(&self, pair: [f32; 2]) -> (Vec3, f32) {
-        let (pair, weight) = self.guide.map_or((pair, 1.0), |guide| {
+    /// Maps two numbers in [0, 1) to a direction that is not aimed at a reflector.
+    pub(super) fn sample_unaimed(&self, pair: [f32; 2]) -> Aim {
+        let (pair, guided) = self.guide.map_or((pair, 1.0), |guide| {
             let warped = guide.warp(pair);
-            (warped, 1.0 / guide.density(warped))
+            (warped, guide.density(warped))
         });
-        (
-            self.turn * Vec3::from_array(cosine_direction(pair[0], pair[1])),
-            weight,
-        )
+        Aim {
+            direction: self.turn * Vec3::from_array(cosine_direction(pair[0], pair[1])),
+            target: None,
+            guided,
+        }
     }
 
-    /// Returns the probability density of a direction, per steradian; `cos` > 0 is the cosine of
-    /// its angle with the shading normal.
-    pub(super) fn density(&self, direction: Vec3, cos: f32) -> f32 {
-        let guided = self.guide.map_or(1.0, |guide| {
+    /// Returns the importance weight of a ray with its hit; `None` if it does not count. `cos` > 0
+    /// is the cosine of its angle with the shading normal.
+    pub(super) fn weight(
+        &self,
+        tracer: &Tracer,
+        aim: &Aim,
+        cos: f32,
+        hit: Option<&Hit>,
+    ) -> Option<f32> {
+        let Some(reflectors) = &self.reflectors else {
+            return Some(1.0 / aim.guided);
+        };
+        if aim.target.is_some() && aim.target != hit.map(|hit| hit.primitive) {
+            return None;
+        }
+        let aimed = hit.map_or(0.0, |hit| {
+            reflectors.density(tracer, aim.direction, (hit.primitive, hit.t))
+        });
+        let aimed = aimed * PI / cos;
+        Some(1.0 / ((1.0 - AIMED_FRACTION) * aim.guided + AIMED_FRACTION * aimed))
+    }
+
+    /// Returns the probability density of a direction, per steradian, in which a ray hits the
+    /// triangle of a number at a distance in metres, or nothing; `cos` > 0 is the cosine of its
+    /// angle with the shading normal.
+    pub(super) fn density(
+        &self,
+        tracer: &Tracer,
+        direction: Vec3,
+        cos: f32,
+        hit: Option<(u32, f32)>,
+    ) -> f32 {
+        let guided = self.guided_density(direction) * cos / PI;
+        self.reflectors.map_or(guided, |reflectors| {
+            let aimed = hit.map_or(0.0, |hit| reflectors.density(tracer, direction, hit));
+            (1.0 - AIMED_FRACTION) * guided + AIMED_FRACTION * aimed
+        })
+    }
+
+    /// Returns the density of the rays that are not aimed, over the cosine-weighted one.
+    fn guided_density(&self, direction: Vec3) -> f32 {
+        self.guide.map_or(1.0, |guide| {
             let local = self.turn.inverse() * direction;
             guide.density(square_from_disk([local.x, local.y]))
-        });
-        guided * cos / PI
+        })
     }
 }
 
@@ -114,7 +180,16 @@ impl Lighting {
     pub(super) fn directions(&self, point: &LitPoint) -> Directions<'_> {
         Directions {
             guide: self.guide.density(point),
-            ..Directions::unguided(point)
+            ..self.unguided_directions(point)
+        }
+    }
+
+    /// Returns the distribution of rays that leave a point without a guide.
+    pub(super) fn unguided_directions(&self, point: &LitPoint) -> Directions<'_> {
+        Directions {
+            turn: Quat::from_rotation_arc(Vec3::Z, point.shading_normal),
+            guide: None,
+            reflectors: self.reflectors(point),
         }
     }
 
@@ -150,7 +225,7 @@ impl Lighting {
         self
     }
 
-    /// Trains the guide at given points. `progress` receives the number of training paths traced
+    /// Finds reflectors and trains the guide at given points. `progress` receives the number of training paths traced
     /// and their maximum; after a `Break` there is no guide.
     pub fn learn(
         &mut self,
@@ -159,6 +234,7 @@ impl Lighting {
         progress: &(dyn Fn(usize, usize) -> ControlFlow<()> + Sync),
     ) {
         self.guide = Guide::default();
+        self.reflectors = self.find_reflectors(tracer);
         // Full light is guided by its first bounce, which varies most and costs least to trace.
         let bounces = self.bounces;
         if bounces == Bounces::Full {
@@ -251,19 +327,21 @@ impl Lighting {
         sample: LightSample,
         statistics: &mut CellStatistics,
     ) {
-        let directions = self.directions(point);
+        let directions = self.unguided_directions(point);
         let level = |light: Vec3| luminance((light * self.exposure).to_array());
         let first = self.vertex(0);
         let direct = self.direct(tracer, point, &sample, first, Some(&directions));
         statistics.by_points.add(level(direct));
         let mut path = Path::new(point);
+        let pair = sample.pair(FIRST_DIRECTION);
+        let aim = directions.sample_unaimed(pair);
         if self
-            .trace_next_ray(tracer, &mut path, first, &sample, &directions)
+            .trace_ray(tracer, &mut path, first, &sample, &directions, &aim)
             .is_some()
         {
             self.follow(tracer, &mut path, 1, &sample);
         }
-        let [u, v] = sample.pair(FIRST_DIRECTION).map(square::bin);
+        let [u, v] = pair.map(square::bin);
         statistics.squares[v * BINS + u] += level(path.sum).powi(2);
         statistics.counts[v * BINS + u] += 1.0;
         statistics.by_rays.add(level(path.sum));
@@ -511,6 +589,22 @@ mod tests {
                 "{bounces}: {guided}, without {variance}"
             );
         }
+    }
+
+    #[test]
+    fn weights_of_long_paths_are_bounded() {
+        let tracer = tracer(room(white_sky()));
+        let mut lighting = Lighting::unmetered(&tracer, Bounces::Full).guided(&tracer);
+        lighting.bounces = Bounces::Exactly(20);
+        let floor = lit_point(Vec3::new(-0.5, -2.0, -0.7), Vec3::Y, 2.0);
+        let mut is_guided = false;
+        for index in 0..4096 {
+            let mut path = Path::new(&floor);
+            lighting.follow(&tracer, &mut path, 0, &LightSample { stream: 7, index });
+            is_guided |= path.weight != 1.0;
+            assert!(path.weight <= 64.0 * 1.001, "{}", path.weight);
+        }
+        assert!(is_guided);
     }
 
     #[test]

@@ -4,6 +4,7 @@
 
 use super::LitPoint;
 use glam::Vec3;
+use std::f32::consts::PI;
 
 /// Minimum of the cosine bound of a light: bounds are rounded, so that no light may get probability
 /// zero.
@@ -86,6 +87,28 @@ impl LightTree {
 
     pub(super) fn is_empty(&self) -> bool {
         self.nodes.is_empty()
+    }
+
+    /// Returns an upper bound, up to the bounds of groups, of the radiosity per albedo by which the
+    /// lights light a box: twice their power over pi times the squared distance, unobstructed.
+    pub(super) fn light_bound(&self, [low, high]: [Vec3; 2]) -> f32 {
+        let middle = low + (high - low) / 2.0;
+        let radius = (high - low).length() / 2.0;
+        let mut waiting = vec![0];
+        let mut light = 0.0;
+        while let Some(node) = waiting.pop().and_then(|i: usize| self.nodes.get(i)) {
+            for i in (0..WIDTH).filter(|&i| node.first[i] != u32::MAX) {
+                let centre = Vec3::from_array([0, 1, 2].map(|axis| node.centre[axis][i]));
+                let distance = centre.distance(middle) - radius;
+                match node.child[i] {
+                    NodeChild::LightNode(child) if distance < 2.0 * node.radius[i] => {
+                        waiting.push(child as usize);
+                    }
+                    _ => light += node.power[i] / (PI * distance.max(0.0).powi(2)),
+                }
+            }
+        }
+        light
     }
 
     /// Samples a light from a number in [0, 1): returns its identifier and its probability, or

@@ -5,8 +5,9 @@
 //! *radiosity per albedo* (irradiance / pi): the radiance that leaves the surface is that times its
 //! albedo, plus its emission. Next-event estimation samples the sun, lamps, emissive triangles and
 //! sky images; the last two (and the next bounce) are also sampled by one ray, cosine-weighted or
-//! guided, with multiple importance sampling. Russian roulette ends paths beyond three bounces;
-//! paths of captures also end at cells in which light that has bounced is cached (`bounced`).
+//! guided, or aimed at a reflector (`reflectors`), with multiple importance sampling. Russian
+//! roulette ends dim paths beyond three bounces; paths of captures also end at cells in which light
+//! that has bounced is cached (`bounced`).
 
 mod arrival;
 mod bounced;
@@ -18,6 +19,7 @@ mod guide;
 mod light_tree;
 mod path;
 mod pilot;
+mod reflectors;
 mod sequence;
 mod sharp;
 mod sky;
@@ -68,6 +70,8 @@ pub struct Lighting {
     lamps: Vec<LocalLamp>,
     /// Emissive triangles.
     emitters: LightTree,
+    /// Triangles next to emissive ones, at which rays are aimed.
+    reflectors: LightTree,
     guide: Guide,
     /// Cache of light that has bounced.
     bounced: BouncedLight,
@@ -201,6 +205,7 @@ impl Lighting {
             sky: scene.sky.clone(),
             lamps: sharp::local_lamps(tracer),
             emitters: emitters::emitter_tree(tracer),
+            reflectors: LightTree::default(),
             guide: Guide::default(),
             bounced: BouncedLight::default(),
             fill: FillLight::default(),

@@ -1,6 +1,6 @@
 //! Paths of light: next-event estimation at each vertex and the ray to the next.
 
-use super::guide::Directions;
+use super::guide::{Aim, Directions};
 use super::{LightSample, Lighting, LitPoint};
 use crate::bvh::{Ray, Tracer};
 use glam::Vec3;
@@ -8,6 +8,14 @@ use headbox_core::bounces::Bounces;
 
 /// Number of bounces after which Russian roulette starts.
 const ROULETTE_BOUNCES: u32 = 3;
+
+/// Throughput below which a path is likely to end. Ending brighter ones would save little time, and
+/// make specks of those that reach a lamp.
+const ROULETTE_THROUGHPUT: f32 = 0.25;
+
+/// Number of the last bounce whose ray is guided. Guided rays weigh up to four, and the product of
+/// their weights over many bounces would vary without bound.
+const LAST_GUIDED_BOUNCE: u32 = 2;
 
 /// Number of random decisions at each vertex of a path: sun, emitter, direction, survival.
 const DECISIONS: u32 = 4;
@@ -21,7 +29,7 @@ pub(super) struct Path {
     pub(super) point: LitPoint,
     /// Product of the albedos so far.
     pub(super) throughput: Vec3,
-    /// Product of the importance weights of guided rays.
+    /// Product of the importance weights of guided and aimed rays.
     pub(super) weight: f32,
     /// Light gathered so far.
     pub(super) sum: Vec3,
@@ -157,7 +165,13 @@ impl Lighting {
     ) -> Option<f32> {
         // A last ray that samples only the sky is not traced in a scene without one.
         let is_traced = self.sky.is_some() || !self.samples_only_sky(vertex);
-        let directions = is_traced.then(|| self.directions(&path.point));
+        let directions = is_traced.then(|| {
+            if vertex.bounce <= LAST_GUIDED_BOUNCE {
+                self.directions(&path.point)
+            } else {
+                self.unguided_directions(&path.point)
+            }
+        });
         let direct = self.direct(tracer, &path.point, sample, vertex, directions.as_ref());
         path.add(direct);
         self.trace_next_ray(tracer, path, vertex, sample, &directions?)
@@ -173,12 +187,27 @@ impl Lighting {
         sample: &LightSample,
         directions: &Directions<'_>,
     ) -> Option<f32> {
-        let dimension = vertex.dimension();
+        let dimension = vertex.dimension() + FIRST_DIRECTION;
+        let aim = directions.sample(tracer, sample, dimension);
+        self.trace_ray(tracer, path, vertex, sample, directions, &aim)
+    }
+
+    /// Same as [`Self::trace_next_ray`], for a sampled direction.
+    pub(super) fn trace_ray(
+        &self,
+        tracer: &Tracer,
+        path: &mut Path,
+        vertex: Vertex,
+        sample: &LightSample,
+        directions: &Directions<'_>,
+        aim: &Aim,
+    ) -> Option<f32> {
         let point = path.point;
-        let (direction, weight) = directions.sample(sample.pair(dimension + FIRST_DIRECTION));
-        path.weight *= weight;
-        if direction.dot(point.normal) <= 0.0 {
-            return None; // below the geometric surface, about a tilted shading normal
+        let direction = aim.direction;
+        let cos = direction.dot(point.shading_normal);
+        // A ray may be below the geometric surface about a tilted shading normal, or be aimed there.
+        if direction.dot(point.normal) <= 0.0 || aim.is_aimed() && cos <= 0.0 {
+            return None;
         }
         let ray = Ray::new(point.ray_origin(), direction);
         let hit = if self.samples_only_sky(vertex) {
@@ -190,8 +219,9 @@ impl Lighting {
         } else {
             tracer.closest(&ray)
         };
+        path.weight *= directions.weight(tracer, aim, cos, hit.as_ref())?;
         let Some(hit) = hit else {
-            let sky = self.sky_light_from_miss(&point, direction, directions);
+            let sky = self.sky_light_from_miss(tracer, &point, direction, directions);
             path.add(sky + self.fill.radiance);
             return None;
         };
@@ -205,8 +235,8 @@ impl Lighting {
         path.point = next;
         path.throughput *= Vec3::from_array(surface.albedo);
         if vertex.bounce >= ROULETTE_BOUNCES {
-            let survive = path.throughput.max_element().min(0.95);
-            if sample.single(dimension + 3) >= survive {
+            let survive = (path.throughput.max_element() / ROULETTE_THROUGHPUT).min(0.95);
+            if sample.single(vertex.dimension() + 3) >= survive {
                 return None;
             }
             path.throughput /= survive;

@@ -44,13 +44,14 @@ impl Lighting {
         if tracer.occluded(&ray) {
             return Vec3::ZERO;
         }
-        Vec3::from_array(radiance)
-            * (cos / PI / (picture.density(radiance) + directions.density(direction, cos)))
+        let density = directions.density(tracer, direction, cos, None);
+        Vec3::from_array(radiance) * (cos / PI / (picture.density(radiance) + density))
     }
 
     /// Estimates radiosity per albedo by a path's ray that missed all surfaces.
     pub(super) fn sky_light_from_miss(
         &self,
+        tracer: &Tracer,
         point: &LitPoint,
         direction: Vec3,
         directions: &Directions<'_>,
@@ -61,7 +62,9 @@ impl Lighting {
         let radiance = sky.radiance(direction);
         let share = self.picture().map_or(1.0, |picture| {
             let cos = direction.dot(point.shading_normal);
-            let density = directions.density(direction, cos).max(f32::MIN_POSITIVE);
+            let density = directions
+                .density(tracer, direction, cos, None)
+                .max(f32::MIN_POSITIVE);
             density / (picture.density(radiance) + density)
         });
         Vec3::from_array(radiance) * share
