@@ -274,7 +274,7 @@ impl AlphaMeasure<'_> {
         &self.spans[first..first + self.face.pixel(x, y).len()]
     }
 
-    /// Share of the pixel's rays that hit something within the span; at least half a ray's.
+    /// Share of the pixel's rays that hit something within the span; at least part of a ray's.
     fn filled_share(&self, x: u32, y: u32, packets: usize, span: BinSpan) -> f64 {
         let [t_max, t_min] = self.inverse_depth_range(span).map(|q| (1.0 / q) as f32);
         let count = |i| {
@@ -348,12 +348,13 @@ fn nearest_span(spans: &[BinSpan], bin: u16) -> Option<(u16, usize)> {
     spans.iter().map(gap).zip(0..).min()
 }
 
-/// Returns a number of rays as a weight. A sample that none of them meets has some weight, because
-/// rays from elsewhere met it. At rims all samples have half a ray more, because few rays miss some
-/// pixels of a rim altogether; sparse surfaces consist of rims and would become too dense.
+/// Returns a number of rays as a weight. A sample that none of them meets has a little weight,
+/// because rays from elsewhere met it. At rims all samples have half a ray more, because few rays
+/// miss some pixels of a rim altogether; sparse surfaces consist of rims and would become too
+/// dense.
 fn ray_weight(rays: u32, is_sparse: bool) -> f64 {
     if is_sparse {
-        f64::from(rays).max(0.5)
+        f64::from(rays).max(0.25)
     } else {
         f64::from(rays) + 0.5
     }
