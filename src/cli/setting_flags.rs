@@ -167,7 +167,7 @@ fn no_such_value(flag: &str, text: &str, settings: &[&Setting]) -> UsageError {
                     range.end()
                 ));
             }
-            Control::Toggle { .. } | Control::Action => {
+            Control::Toggle { .. } | Control::Save { .. } => {
                 return UsageError(format!("--{flag} {text}: give on or off"));
             }
         }

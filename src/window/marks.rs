@@ -8,6 +8,7 @@ use headbox_images::{Lens, Pinhole, SparsePoint, View};
 use headbox_viewer::{
     EyeBounds, FrameReport, FrameRequest, FrameSource, Navigation, Pose, RoomMap, Setting, Swatch,
 };
+use std::path::Path;
 use tiny_skia::{Color, LineCap, Paint, PathBuilder, PixmapMut, Stroke, Transform};
 
 /// Length of a camera's pyramid as a share of the median distance between cameras.
@@ -272,8 +273,8 @@ impl FrameSource for MarkedSource {
         Ok(report)
     }
 
-    fn act(&mut self, action: &str) -> Result<String, String> {
-        self.source.act(action)
+    fn save(&mut self, id: &str, path: &Path) -> Result<String, String> {
+        self.source.save(id, path)
     }
 }
 

@@ -79,19 +79,20 @@ fn figure(report: &FrameReport, name: &str) -> Option<f64> {
 #[test]
 fn live_capture_saves_and_compares() {
     let dir = tempfile::tempdir().unwrap();
-    let mut source = open("builtin:miniature", dir.path()).unwrap();
+    let mut source = open("builtin:miniature").unwrap();
     let start = source.start_pose();
     assert!(source.bounds().unwrap().contains(start.eye));
     first_round(&mut *source);
-    assert_eq!(
-        source.act("save").unwrap().matches("miniature.ldi").count(),
-        1
+    let file = dir.path().join("miniature.ldi");
+    let said = source.save("save", &file).unwrap();
+    assert!(
+        said.contains("miniature.ldi") && said.ends_with(" px."),
+        "{said}"
     );
-    assert!(source.act("nonsense").is_err());
+    assert!(source.save("nonsense", &file).is_err());
     drop(source);
 
-    let file = dir.path().join("miniature.ldi");
-    let mut saved = open(file.to_str().unwrap(), dir.path()).unwrap();
+    let mut saved = open(file.to_str().unwrap()).unwrap();
     assert_eq!(saved.start_pose().eye, start.eye);
     let (plain, report) = render(&mut *saved, start, &[]);
     assert_eq!(report.refinement, Refinement::Done);
@@ -155,7 +156,7 @@ fn live_capture_saves_and_compares() {
 fn headbox_is_captured_again_in_changed_light() {
     let dir = tempfile::tempdir().unwrap();
     let file = dir.path().join("miniature.ldi");
-    let mut source = open("builtin:miniature", dir.path()).unwrap();
+    let mut source = open("builtin:miniature").unwrap();
     first_round(&mut *source);
     let start = source.start_pose();
     let low_sun = [("sun-elevation", "10"), ("sun-strength", "1")];
@@ -166,13 +167,17 @@ fn headbox_is_captured_again_in_changed_light() {
             "no gap between lights"
         );
         assert!(report.refinement != Refinement::Done, "not captured again");
-        source.act("save").unwrap();
+        let said = source.save("save", &file).unwrap();
         let saved = CubeLdi::read(&file).unwrap().info.light;
         if let Some(sun) = saved.sun {
             assert!(sun.to_string().ends_with(",10"), "{sun}");
-            assert!(saved.sun_strength.is_some());
+            assert!(
+                saved.sun_strength.is_some() && said.ends_with(" px."),
+                "{said}"
+            );
             break;
         }
+        assert!(said.contains("before the latest change"), "{said}");
         std::thread::sleep(std::time::Duration::from_millis(50));
     }
 }
@@ -182,7 +187,7 @@ fn sprites_are_shown_and_orbited() {
     let dir = tempfile::tempdir().unwrap();
     let file = dir.path().join("layers.sprite");
     write_sprites(&file);
-    let mut source = open(file.to_str().unwrap(), dir.path()).unwrap();
+    let mut source = open(file.to_str().unwrap()).unwrap();
     let start = source.start_pose();
     let Navigation::Orbit { pivot, nearest } = source.navigation() else {
         panic!("sprites are orbited")
@@ -253,7 +258,7 @@ fn house_is_walked_between_rooms() {
     let dir = tempfile::tempdir().unwrap();
     let file = dir.path().join("bare.house");
     let house = write_house(&file);
-    let mut source = open(file.to_str().unwrap(), dir.path()).unwrap();
+    let mut source = open(file.to_str().unwrap()).unwrap();
     assert_eq!(
         (source.navigation(), source.bounds()),
         (Navigation::Walk, None)
@@ -312,7 +317,7 @@ fn house_is_walked_between_rooms() {
 
 #[test]
 fn built_in_house_is_lit_later() {
-    let mut source = open("builtin:house", Path::new(".")).unwrap();
+    let mut source = open("builtin:house").unwrap();
     assert_eq!(source.navigation(), Navigation::Walk);
     let (start, plan) = (source.start_pose(), source.plan().unwrap());
     let here = plan.rooms[plan.room_at(start.eye).unwrap()].name.clone();
@@ -330,14 +335,14 @@ fn built_in_house_is_lit_later() {
 #[test]
 fn path_frames_match_command_line() {
     let dir = tempfile::tempdir().unwrap();
-    let mut source = open("builtin:miniature", dir.path()).unwrap();
+    let mut source = open("builtin:miniature").unwrap();
     first_round(&mut *source);
-    source.act("save").unwrap();
     let (file, path) = (
         dir.path().join("miniature.ldi"),
         dir.path().join("path.json"),
     );
-    let mut source = open(file.to_str().unwrap(), dir.path()).unwrap();
+    source.save("save", &file).unwrap();
+    let mut source = open(file.to_str().unwrap()).unwrap();
     let (start, frame) = (source.start_pose(), source.file_frame());
     let poses = [0.0, 0.1, 0.2].map(|turn| start.turned(turn, -turn));
     let record = |pose: &Pose| {
@@ -387,7 +392,7 @@ fn every_house_variant_shows_backdrops() {
     let dir = tempfile::tempdir().unwrap();
     let file = dir.path().join("bare.house");
     write_house(&file);
-    let mut source = open(file.to_str().unwrap(), dir.path()).unwrap();
+    let mut source = open(file.to_str().unwrap()).unwrap();
     let start = source.start_pose();
     let Control::Choice { options, selected } = source.settings().remove(0).control else {
         panic!("a choice")
@@ -462,7 +467,7 @@ fn lumigraph_starts_at_its_cameras() {
         .unwrap()
         .write(&file)
         .unwrap();
-    let mut source = open(file.to_str().unwrap(), dir.path()).unwrap();
+    let mut source = open(file.to_str().unwrap()).unwrap();
     let start = source.start_pose();
     assert!(
         start.eye == origin
@@ -492,10 +497,7 @@ fn damaged_house_is_refused() {
     let dir = tempfile::tempdir().unwrap();
     let file = dir.path().join("damaged.house");
     std::fs::write(&file, "not a house").unwrap();
-    let message = open(file.to_str().unwrap(), dir.path())
-        .err()
-        .unwrap()
-        .to_string();
+    let message = open(file.to_str().unwrap()).err().unwrap().to_string();
     assert!(
         message.contains("damaged.house") && !message.contains('\n'),
         "{message}"

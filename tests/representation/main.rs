@@ -174,7 +174,7 @@ fn one_registration_reaches_every_client() {
     assert_eq!(headbox(&foreign, folder), ExitCode::from(2));
 
     // The window opens it and shows its settings.
-    let mut source = headbox_window::open(&file.to_string_lossy(), folder).expect("opens");
+    let mut source = headbox_window::open(&file.to_string_lossy()).expect("opens");
     assert_eq!(source.title(), "x.directions (direction map)");
     let panel = source.settings();
     assert!(panel.iter().any(|setting| setting.id == "gain"));

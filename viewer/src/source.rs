@@ -92,15 +92,13 @@ pub trait FrameSource: Send {
         pixels: &mut [[u8; 4]],
     ) -> Result<FrameReport, String>;
 
-    /// Executes a button of the panel ([`Setting::action`]), and returns one sentence that reports
-    /// the result.
+    /// Writes the file of a button of the panel ([`Setting::save`]), and returns one sentence that
+    /// reports the result. The person has chosen `path`, and agreed if it replaces a file.
     ///
     /// # Errors
     /// One sentence for the person at the window.
-    fn act(&mut self, action: &str) -> Result<String, String> {
-        Err(format!(
-            "\"{action}\" is not something that this view can do."
-        ))
+    fn save(&mut self, id: &str, _path: &Path) -> Result<String, String> {
+        Err(format!("\"{id}\" is nothing that this view can save."))
     }
 }
 

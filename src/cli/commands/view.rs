@@ -236,9 +236,9 @@ impl ViewCommand {
             )?;
         }
         if !is_set {
-            let (source, out) = (self.source.source(file), self.out.clone());
+            let source = self.source.source(file);
             let options = self.capture_options();
-            return Ok(Box::new(move || Ok(open_source(source, options, &out)?)));
+            return Ok(Box::new(move || Ok(open_source(source, options)?)));
         }
         let (folder, set, live) = (PathBuf::from(file), self.images, self.live);
         let geometry = self.geometry.clone();
@@ -287,9 +287,7 @@ impl ViewCommand {
         };
         Ok(ViewerOptions {
             started: Instant::now(),
-            library: Some(Box::new(SceneLibrary {
-                output_dir: self.out.clone(),
-            })),
+            library: Some(Box::new(SceneLibrary)),
             file: match self.files.as_slice() {
                 [file] => Some(PathBuf::from(file)).filter(|file| file.is_file()),
                 _ => None,
@@ -424,10 +422,8 @@ fn state_folder() -> Option<PathBuf> {
 /// Opens the window on a file, and returns when the window is closed.
 pub(super) fn show(file: &Path) -> anyhow::Result<()> {
     let folder = parent_folder(file);
-    let source = open(&file.to_string_lossy(), folder)?;
-    let library = Some(Box::new(SceneLibrary {
-        output_dir: folder.into(),
-    }) as Box<dyn headbox_viewer::Library>);
+    let source = open(&file.to_string_lossy())?;
+    let library = Some(Box::new(SceneLibrary) as Box<dyn headbox_viewer::Library>);
     headbox_viewer::run(
         Some(source),
         ViewerOptions {

@@ -52,8 +52,13 @@ pub enum Control {
         /// True for a logarithmic slider.
         logarithmic: bool,
     },
-    /// A button of the window.
-    Action,
+    /// A button of the window that asks where to save a file, then has the source write it.
+    Save {
+        /// Start of the proposed name.
+        stem: String,
+        /// Extension, without the dot.
+        extension: &'static str,
+    },
 }
 
 impl Setting {
@@ -131,9 +136,16 @@ impl Setting {
         Self::new(id, label, tooltip, control)
     }
 
-    /// Creates a button; `id` is passed to the window's source when it is pressed.
-    pub fn action(id: &'static str, label: &str, tooltip: &str) -> Self {
-        Self::new(id, label, tooltip, Control::Action)
+    /// Creates a button that saves a file of this extension, which is named without its dot.
+    pub fn save(
+        id: &'static str,
+        label: &str,
+        tooltip: &str,
+        stem: &str,
+        extension: &'static str,
+    ) -> Self {
+        let stem = stem.into();
+        Self::new(id, label, tooltip, Control::Save { stem, extension })
     }
 
     /// Adds a flag on the command line, without dashes.
@@ -235,7 +247,7 @@ impl SettingValues {
                 Control::Toggle { on } => SettingValue::Toggle(*on),
                 Control::Choice { selected, .. } => SettingValue::Choice(*selected),
                 Control::Number { value, .. } => SettingValue::Number(*value),
-                Control::Action => return None,
+                Control::Save { .. } => return None,
             };
             Some((setting.id, value))
         });
@@ -339,7 +351,7 @@ impl SettingValues {
                 let expected = || format!("a number from {low} to {high}");
                 SettingValue::Number(value.ok_or_else(|| wrong(expected()))?)
             }
-            Control::Action => return Err(unknown()),
+            Control::Save { .. } => return Err(unknown()),
         };
         self.0.insert(setting.id, value);
         Ok(())
@@ -373,7 +385,7 @@ mod tests {
                 0.5..=4.0,
                 "px",
             ),
-            Setting::action("save", "Save", "Writes the file."),
+            Setting::save("save", "Save", "Writes the file.", "file", "txt"),
         ]
     }
 

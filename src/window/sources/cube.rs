@@ -25,7 +25,7 @@ use headbox_viewer::{
     Pose, Refinement, Setting,
 };
 use headbox_views::TruthView;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -101,22 +101,11 @@ struct LiveCapture {
     preview: Preview,
     /// Warning about the first headbox.
     warning: Option<String>,
-    output_dir: PathBuf,
-    /// Name of saved files, without an extension.
+    /// Start of the names of saved files.
     stem: String,
 }
 
 impl LiveCapture {
-    /// File that the button writes for a headbox.
-    fn file(&self, index: usize) -> PathBuf {
-        let number = if index == 0 {
-            String::new()
-        } else {
-            format!("-{}", index + 1)
-        };
-        self.output_dir.join(format!("{}{number}.ldi", self.stem))
-    }
-
     /// Restarts the capture in another place or light; also returns a warning about the headbox.
     fn restart(
         &mut self,
@@ -151,15 +140,11 @@ const POLL: Duration = Duration::from_millis(250);
 const SETTLED: Duration = Duration::from_millis(500);
 
 impl CubeSource {
-    /// Starts the capture of a scene, which can be saved in `output_dir`.
+    /// Starts the capture of a scene.
     ///
     /// # Errors
     /// One sentence if the scene cannot be opened or captured.
-    pub(super) fn capture(
-        source: SceneSource,
-        options: CaptureOptions,
-        output_dir: &Path,
-    ) -> Result<Self, String> {
+    pub(super) fn capture(source: SceneSource, options: CaptureOptions) -> Result<Self, String> {
         let stem = source.name.strip_prefix("builtin:").unwrap_or(&source.name);
         let stem = Path::new(stem).file_stem().map_or_else(
             || "scene".into(),
@@ -186,7 +171,6 @@ impl CubeSource {
             preview: Preview::new(Arc::clone(&found.tracer)),
             tracer: found.tracer,
             warning: found.warning,
-            output_dir: output_dir.to_owned(),
             stem,
         };
         Ok(Self {
@@ -277,6 +261,24 @@ impl CubeSource {
             return Err("Only a scene can be captured here.".into());
         };
         let scene = Arc::clone(live.tracer.scene());
+        let same = |h: &ShownHeadbox| {
+            let known = Headbox {
+                centre: h.place.centre,
+                half_size_m: h.place.half_size_m,
+            };
+            known
+                == Headbox {
+                    centre,
+                    half_size_m,
+                }
+        };
+        if let Some(index) = self.headboxes.iter().position(same) {
+            self.shown = index;
+            return Ok(format!(
+                "This is headbox {}, which is captured already.",
+                index + 1
+            ));
+        }
         let (place, warning) = live.restart(&scene, centre, half_size_m)?;
         if self.headboxes[live.index].view.is_none() {
             self.headboxes.remove(live.index);
@@ -409,11 +411,9 @@ impl FrameSource for CubeSource {
         let mut settings = view::settings(TruthView::setting_table());
         if let Some(live) = &self.live {
             settings.extend(live.sun.settings());
-            let tip = format!(
-                "Writes the LDI as captured so far to {}.",
-                live.file(self.shown).display()
-            );
-            settings.push(Setting::action(SAVE, "Save as .ldi", &tip).under("Capture"));
+            let tip = "Writes the LDI of the shown headbox as captured so far.";
+            let save = Setting::save(SAVE, "Save as .ldi", tip, &live.stem, "ldi");
+            settings.push(save.under("Capture"));
         }
         settings
     }
@@ -468,25 +468,27 @@ impl FrameSource for CubeSource {
         Ok(report)
     }
 
-    fn act(&mut self, action: &str) -> Result<String, String> {
+    fn save(&mut self, id: &str, file: &Path) -> Result<String, String> {
         match &self.live {
-            Some(live) if action == SAVE => {
+            Some(live) if id == SAVE => {
                 let shown = self.cube(self.shown);
                 let newer = (live.index == self.shown).then(|| live.capture.newer_than(shown));
                 let newest = newer.flatten().or_else(|| shown.cloned());
-                let file = live.file(self.shown);
                 let cube =
                     newest.ok_or("There is nothing to save before the first round is done.")?;
-                cube.write(&file).map_err(|error| error.to_string())?;
+                cube.write(file).map_err(|error| error.to_string())?;
                 let (count, face) = (cube.depth_pixel_count(), cube.face_size_px);
+                let light = if cube.info.light == live.requested_light.0 {
+                    ""
+                } else {
+                    " Its light is that before the latest change."
+                };
                 Ok(format!(
-                    "Saved {}: {count} depth pixels, faces of {face} px.",
+                    "Saved {}: {count} depth pixels, faces of {face} px.{light}",
                     file.display()
                 ))
             }
-            _ => Err(format!(
-                "\"{action}\" is not something that this view can do."
-            )),
+            _ => Err(format!("\"{id}\" is nothing that this view can save.")),
         }
     }
 }

@@ -29,7 +29,7 @@ use headbox_viewer::{Entry, FrameSource, Library, Thumbnail};
 use headbox_views::{TruthView, ViewError};
 use image::{Rgb, RgbImage};
 use std::fmt::Display;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 
 /// Error of opening a source.
@@ -53,16 +53,12 @@ pub enum OpenError {
 const HOUSE: &str = "builtin:house";
 
 /// Opens a file of any kind, or `builtin:NAME`. The built-in house is opened as a house. Other
-/// scenes are captured while they are shown, and saved in `output_dir` on request.
+/// scenes are captured while they are shown.
 ///
 /// # Errors
 /// See [`OpenError`].
-pub fn open(name: &str, output_dir: &Path) -> Result<Box<dyn FrameSource>, OpenError> {
-    open_source(
-        SceneSource::new(name),
-        CaptureOptions::default(),
-        output_dir,
-    )
+pub fn open(name: &str) -> Result<Box<dyn FrameSource>, OpenError> {
+    open_source(SceneSource::new(name), CaptureOptions::default())
 }
 
 /// Returns true if `name` is a scene that [`open_source`] captures.
@@ -81,13 +77,11 @@ pub fn is_captured(name: &str) -> bool {
 pub fn open_source(
     source: SceneSource,
     options: CaptureOptions,
-    output_dir: &Path,
 ) -> Result<Box<dyn FrameSource>, OpenError> {
     let name = source.name.as_str();
     let path = Path::new(name);
     let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase());
-    let capture =
-        |source| CubeSource::capture(source, options, output_dir).map_err(OpenError::Scene);
+    let capture = |source| CubeSource::capture(source, options).map_err(OpenError::Scene);
     let source: Box<dyn FrameSource> = match extension.as_deref() {
         _ if name == HOUSE => Box::new(HouseSource::builtin().map_err(OpenError::Scene)?),
         _ if name.starts_with("builtin:") => Box::new(capture(source)?),
@@ -168,10 +162,7 @@ pub fn show_marks(source: Box<dyn FrameSource>, marks: Marks) -> Box<dyn FrameSo
 }
 
 /// Library of the built-in scenes and of every kind of file.
-pub struct SceneLibrary {
-    /// Folder for captures that are saved on request.
-    pub output_dir: PathBuf,
-}
+pub struct SceneLibrary;
 
 impl SceneLibrary {
     /// Size of a thumbnail, pixels.
@@ -288,14 +279,14 @@ impl Library for SceneLibrary {
     }
 
     fn open_entry(&mut self, id: &str) -> Result<Box<dyn FrameSource>, String> {
-        open(id, &self.output_dir).map_err(|error| error.to_string())
+        open(id).map_err(|error| error.to_string())
     }
 
     fn open_file(&mut self, path: &Path) -> Result<Box<dyn FrameSource>, String> {
         let name = path
             .to_str()
             .ok_or_else(|| format!("{}: the name is not valid Unicode.", path.display()))?;
-        open(name, &self.output_dir).map_err(|error| error.to_string())
+        open(name).map_err(|error| error.to_string())
     }
 }
 
@@ -305,8 +296,7 @@ mod tests {
 
     #[test]
     fn unsupported_files_are_refused() {
-        let here = Path::new(".");
-        let message = |name: &str| open(name, here).err().unwrap().to_string();
+        let message = |name: &str| open(name).err().unwrap().to_string();
         assert!(
             message("notes.txt").contains("notes.txt: only"),
             "{}",
@@ -324,9 +314,7 @@ mod tests {
 
     #[test]
     fn every_shown_extension_is_opened() {
-        let mut library = SceneLibrary {
-            output_dir: ".".into(),
-        };
+        let mut library = SceneLibrary;
         for extension in library.extensions() {
             let name = format!("no/such.{extension}");
             let error = library.open_file(Path::new(&name)).err().unwrap();
@@ -341,9 +329,7 @@ mod tests {
 
     #[test]
     fn every_entry_has_thumbnail() {
-        let mut library = SceneLibrary {
-            output_dir: ".".into(),
-        };
+        let mut library = SceneLibrary;
         for entry in library.entries() {
             let picture = library.thumbnail(&entry).unwrap();
             assert_eq!(

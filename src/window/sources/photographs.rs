@@ -236,8 +236,8 @@ impl FrameSource for PhotographsSource {
         Ok(report)
     }
 
-    fn act(&mut self, action: &str) -> Result<String, String> {
-        self.shown.act(action)
+    fn save(&mut self, id: &str, path: &Path) -> Result<String, String> {
+        self.shown.save(id, path)
     }
 }
 

@@ -96,7 +96,7 @@ fn controls(has_sun: bool, sun: &Sun, opened: &LightParameters) -> Vec<Setting> 
             "Azimuth",
             "Direction of the sun, from north (-Z; +Y where Z is up) to east: the first number of --sun.",
             azimuth,
-            180.0,
+            360.0,
         ),
         turn(
             ELEVATION,

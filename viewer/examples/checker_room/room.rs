@@ -29,7 +29,6 @@ pub(crate) enum Kind {
 /// The frame source.
 pub(crate) struct CheckerRoom {
     kind: Kind,
-    hue: u32,
     rounds: u32,
     last_camera: Option<headbox_core::camera::Camera>,
     hits: Vec<Hit>,
@@ -47,7 +46,6 @@ impl CheckerRoom {
     pub(crate) fn new(kind: Kind) -> Self {
         Self {
             kind,
-            hue: 0,
             rounds: 0,
             last_camera: None,
             hits: Vec::new(),
@@ -161,8 +159,14 @@ impl FrameSource for CheckerRoom {
             )
             .under("Tests"),
             Setting::toggle("fail", "Fail", "Every frame fails.", false).under("Tests"),
-            Setting::action("recolour", "Recolour", "Changes the colours of the walls.")
-                .under("Tests"),
+            Setting::save(
+                "plan",
+                "Save plan",
+                "Writes the names of the rooms.",
+                "rooms",
+                "txt",
+            )
+            .under("Tests"),
         ]
     }
 
@@ -184,7 +188,7 @@ impl FrameSource for CheckerRoom {
             0
         };
         let block = settings.number("block")? as usize;
-        let (width, hue) = (request.camera.width() as usize, self.hue);
+        let width = request.camera.width() as usize;
         let [mut cast_ms, mut shade_ms] = [0.0; 2];
         let mut near = f32::INFINITY;
         for (band, pixels) in pixels.chunks_mut(width * block).enumerate() {
@@ -197,9 +201,7 @@ impl FrameSource for CheckerRoom {
                 let color = match overlay {
                     1 => [(255.0 / (1.0 + hit.distance)) as u8; 3],
                     2 => FACE_COLORS[usize::from(hit.face)],
-                    _ => {
-                        shade(hit, check, lamp, hue).map(|c| (f32::from(c) * gain).min(255.0) as u8)
-                    }
+                    _ => shade(hit, check, lamp).map(|c| (f32::from(c) * gain).min(255.0) as u8),
                 };
                 let dark = noise > 0
                     && ((band * width + column) as u32).wrapping_mul(2_654_435_761) >> 24 < noise;
@@ -260,14 +262,11 @@ impl FrameSource for CheckerRoom {
         })
     }
 
-    fn act(&mut self, action: &str) -> Result<String, String> {
-        match action {
-            "recolour" => {
-                self.hue = (self.hue + 1) % 3;
-                Ok("The walls have new colours.".into())
-            }
-            other => Err(format!("The room cannot do \"{other}\".")),
-        }
+    fn save(&mut self, id: &str, path: &Path) -> Result<String, String> {
+        let plan = self.plan().ok_or(format!("There is no {id}."))?;
+        let names: Vec<String> = plan.rooms.into_iter().map(|room| room.name).collect();
+        std::fs::write(path, names.join("\n")).map_err(|error| error.to_string())?;
+        Ok(format!("Saved {} names.", names.len()))
     }
 }
 
@@ -376,7 +375,7 @@ fn hit(eye: Vec3, ray: Vec3) -> Hit {
     }
 }
 
-fn shade(hit: &Hit, check: f32, lamp: bool, hue: u32) -> [u8; 3] {
+fn shade(hit: &Hit, check: f32, lamp: bool) -> [u8; 3] {
     let ball = hit.face == 6;
     let p = if ball {
         (hit.position - BALL.0) * 2.0
@@ -388,11 +387,6 @@ fn shade(hit: &Hit, check: f32, lamp: bool, hue: u32) -> [u8; 3] {
     let cell = (p + vec3(0.01, 0.01, 0.01)) * (1.0 / check) + Vec3::splat(1000.0);
     let odd = (cell.x as i32 + cell.y as i32 + cell.z as i32) & 1 == 1;
     let base = FACE_COLORS[usize::from(hit.face)];
-    let base = match hue {
-        0 => base,
-        1 => [base[1], base[2], base[0]],
-        _ => [base[2], base[0], base[1]],
-    };
     let lit = if lamp {
         1.15 / (1.0 + 0.06 * (hit.position - vec3(0.0, 1.2, -1.0)).length_squared())
     } else {

@@ -47,7 +47,7 @@ impl Viewer {
             Command::RemoveBookmark(index) => self.remove_bookmark(index, now_s),
             Command::GoToBookmark(index) => self.go_to_bookmark(index, now_s),
             Command::Start => self.back_to_start(ctx),
-            Command::Act(action) => self.session.order(Order::Act(action)),
+            Command::AskSave(id) => self.save_from_source(id),
             Command::ToggleLeave => self.toggle_leave(now_s),
             Command::CaptureHere => self.capture_here(now_s),
             Command::ShowHeadbox(index) => {

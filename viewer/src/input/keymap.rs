@@ -33,7 +33,8 @@ pub(crate) enum Command {
     AskSystem(SystemQuestion),
     Start,
     Open(Location),
-    Act(&'static str),
+    /// Asks where to save the file of a button of the source's panel.
+    AskSave(&'static str),
     /// Changes the exposure by a number of stops.
     Expose(f64),
     ToggleOrbit,

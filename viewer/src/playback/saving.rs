@@ -5,6 +5,7 @@ use crate::playback::{camera_file, export};
 use crate::thread::exchange::{ExportOrder, Order};
 use crate::window::app::Viewer;
 use crate::window::messages::Kind;
+use headbox_core::view::Control;
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -21,7 +22,7 @@ impl Viewer {
         };
         self.save_dialog.ask(PendingSave {
             title: "Save frame",
-            stem: "frame",
+            stem: "frame".into(),
             extension: "png",
             content: SaveContent::File(Box::new(write)),
         });
@@ -58,10 +59,29 @@ impl Viewer {
         let write = move |path: &std::path::Path| export::write_json(path, &record);
         self.save_dialog.ask(PendingSave {
             title,
-            stem,
+            stem: stem.into(),
             extension: "json",
             content: SaveContent::File(Box::new(write)),
         });
+    }
+
+    /// Asks where to save the file of a button of the source's panel.
+    pub(crate) fn save_from_source(&mut self, id: &'static str) {
+        let settings = self.info.iter().flat_map(|info| &info.settings);
+        let found = settings
+            .filter(|setting| setting.id == id)
+            .find_map(|it| match &it.control {
+                Control::Save { stem, extension } => Some((stem.clone(), *extension)),
+                _ => None,
+            });
+        if let Some((stem, extension)) = found {
+            self.save_dialog.ask(PendingSave {
+                title: "Save file",
+                stem,
+                extension,
+                content: SaveContent::Source(id),
+            });
+        }
     }
 
     /// Asks where to write the frames of the path.
@@ -78,7 +98,7 @@ impl Viewer {
         };
         self.save_dialog.ask(PendingSave {
             title: "Render path to folder",
-            stem: "path",
+            stem: "path".into(),
             extension: "frames",
             content: SaveContent::Frames(order),
         });
@@ -102,6 +122,7 @@ impl Viewer {
                     Err(error) => Err(format!("{path} cannot be written: {error}.")),
                 }
             }),
+            SaveContent::Source(id) => self.session.order(Order::Save { id, path }),
             SaveContent::Frames(order) => match export::create_new_folder(&path) {
                 Ok(()) => {
                     self.exporting = Some([0, order.path.poses().len()]);

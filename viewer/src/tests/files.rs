@@ -355,3 +355,24 @@ fn path_outside_headbox_is_replayed_and_reported() {
         window.state().info.as_ref().unwrap().start_pose
     );
 }
+
+#[test]
+fn source_saves_where_the_dialog_says() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut window = room_with(
+        Kind::Walk,
+        ViewerOptions {
+            output_dir: dir.path().into(),
+            ..ViewerOptions::default()
+        },
+    );
+    settle(&mut window);
+    click(&mut window, "Save plan");
+    window.run_steps(3);
+    save(&mut window);
+    wait(&mut window, "the report", |viewer| {
+        viewer.messages.iter().len() == 1
+    });
+    let file = dir.path().join("rooms-0001.txt");
+    assert_eq!(std::fs::read_to_string(file).unwrap(), "front\nback");
+}

@@ -207,16 +207,38 @@ fn panic_of_source_is_reported() {
 }
 
 #[test]
-fn buttons_of_the_source_act_and_report() {
-    let mut window = room();
-    click(&mut window, "Recolour");
-    wait(&mut window, "the report", |viewer| {
-        viewer.messages.iter().len() == 1
-    });
-    assert_eq!(texts(&window), ["The walls have new colours."]);
-    let setting = Setting::action("x", "X", "Unknown.");
-    assert_eq!(
-        CheckerRoom::new(Kind::Walk).act(setting.id),
-        Err("The room cannot do \"x\".".into())
-    );
+fn drawn_settings_keep_their_values() {
+    struct Tilted;
+    impl FrameSource for Tilted {
+        fn title(&self) -> String {
+            "Tilted".into()
+        }
+        fn start_pose(&self) -> Pose {
+            Pose::looking_at(DVec3::ZERO, -DVec3::Z, 60.0)
+        }
+        fn settings(&self) -> Vec<Setting> {
+            let (value, tip) = (33.690_067_525, "With more digits than the slider shows.");
+            vec![Setting::number(
+                "tilt",
+                "Tilt",
+                tip,
+                value,
+                -180.0..=180.0,
+                "",
+            )]
+        }
+        fn render(
+            &mut self,
+            request: &FrameRequest,
+            pixels: &mut [[u8; 4]],
+        ) -> Result<FrameReport, String> {
+            assert_eq!(request.settings.number("tilt"), Ok(33.690_067_525));
+            pixels.fill([255; 4]);
+            Ok(FrameReport::default())
+        }
+    }
+    let mut window = open(Some(Box::new(Tilted)), ViewerOptions::default());
+    wait(&mut window, "the frame", |viewer| viewer.shown.is_some());
+    window.run_steps(5);
+    assert_eq!(window.state().sets.a.number("tilt"), Ok(33.690_067_525));
 }

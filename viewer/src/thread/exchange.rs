@@ -32,8 +32,8 @@ pub(crate) enum Order {
     Open(Location),
     /// Closes the source.
     Close,
-    /// Executes a button of the source's panel.
-    Act(&'static str),
+    /// Has the source write the file of a button of its panel.
+    Save { id: &'static str, path: PathBuf },
     /// Captures or shows another headbox.
     Headbox(HeadboxRequest),
     /// Renders a path to PNG files.

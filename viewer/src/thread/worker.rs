@@ -170,9 +170,9 @@ impl Worker {
                 (self.source, self.refinement, self.export) = (None, None, None);
             }
             Order::Probe(probe) => self.probe(probe),
-            Order::Act(action) => {
+            Order::Save { id, path } => {
                 if let Some(source) = &mut self.source {
-                    match catch_panic(|| source.act(action)) {
+                    match catch_panic(|| source.save(id, &path)) {
                         Ok(Ok(done)) => self.send(Event::Done(done)),
                         Ok(Err(error)) => self.send(Event::Error(error)),
                         Err(panic) => self.drop_source(panic),

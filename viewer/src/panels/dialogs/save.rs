@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 pub(crate) struct PendingSave {
     pub title: &'static str,
     /// Start of the proposed name.
-    pub stem: &'static str,
+    pub stem: String,
     /// Extension of the file or folder, without the dot.
     pub extension: &'static str,
     pub content: SaveContent,
@@ -26,6 +26,8 @@ pub(crate) type WriteFile = Box<dyn FnOnce(&Path) -> io::Result<()> + Send>;
 pub(crate) enum SaveContent {
     /// A file.
     File(WriteFile),
+    /// The file of a button of the source's panel, by the button's id.
+    Source(&'static str),
     /// A path, rendered to files in a new folder.
     Frames(ExportOrder),
 }
@@ -60,7 +62,7 @@ impl SaveDialog {
 
     /// Asks where to save, and proposes a name that does not exist.
     pub(crate) fn ask(&mut self, pending: PendingSave) {
-        let proposed = export::free_name(&self.dir, pending.stem, pending.extension);
+        let proposed = export::free_name(&self.dir, &pending.stem, pending.extension);
         let name = proposed.file_name().unwrap_or_default();
         self.name = name.to_string_lossy().into_owned();
         self.wants_focus = true;
@@ -106,7 +108,7 @@ impl SaveDialog {
     fn confirm(&mut self, replace: bool) -> Option<Command> {
         let pending = self.pending.as_ref()?;
         let mut path = self.dir.join(self.name.trim());
-        let is_file = matches!(pending.content, SaveContent::File(_));
+        let is_file = !matches!(pending.content, SaveContent::Frames(_));
         self.error = None;
         if is_file && path.is_dir() {
             self.name.clear();
@@ -237,7 +239,7 @@ mod tests {
         let mut dialog = SaveDialog::new(dir.into());
         dialog.ask(PendingSave {
             title: "Save frame",
-            stem: "frame",
+            stem: "frame".into(),
             extension: "png",
             content: SaveContent::File(Box::new(|_| Ok(()))),
         });

@@ -89,7 +89,9 @@ fn control(
 ) {
     let (label, tip) = (setting.label.as_str(), setting.tooltip.as_str());
     match (&setting.control, values.get_mut(setting.id)) {
-        (Control::Action, _) => button(ui, label, tip, Command::Act(setting.id), commands),
+        (Control::Save { .. }, _) => {
+            button(ui, label, tip, Command::AskSave(setting.id), commands);
+        }
         (Control::Toggle { .. }, Some(SettingValue::Toggle(on))) => {
             ui.add(Checkbox::new(on, label)).on_hover_text(tip);
         }
@@ -147,7 +149,9 @@ fn slider<'a>(
     } else {
         format!(" {unit}")
     };
+    // Only edited values are rounded: a value that is shown must not change.
     let slider = Slider::new(value, range.clone())
+        .clamping(SliderClamping::Edits)
         .logarithmic(logarithmic)
         .suffix(suffix);
     if step == 1.0 {
