@@ -26,7 +26,7 @@ pub(super) struct QualityArgs {
 /// Preset of a capture's quality.
 #[derive(Args, Clone, Copy)]
 pub(crate) struct PresetArgs {
-    /// Preset of face size, strata, rays and light samples, each overridden by its own flag of
+    /// Preset of face size, strata, rays, light samples and holes, each overridden by its own flag of
     /// capture; best by default, in a window with a fifth of its rays
     #[arg(long)]
     pub(crate) quality: Option<Preset>,
@@ -150,11 +150,12 @@ pub(crate) enum Preset {
 
 impl Preset {
     /// Defaults of arguments in the presets draft and good. Best has the arguments' own defaults.
-    pub(crate) const NUMBERS: [(&str, [&str; 2]); 4] = [
+    pub(crate) const NUMBERS: [(&str, [&str; 2]); 5] = [
         ("face_size", ["256", "512"]),
         ("strata", ["16", "24"]),
         ("rays_per_stratum", ["8", "8"]),
         ("light_samples", ["1", "2"]),
+        ("holes", ["0.001", "0.0001"]),
     ];
 
     /// Face size, pixels, and parameters of a capture with this preset and no other flag.
@@ -164,16 +165,21 @@ impl Preset {
             Self::Good => Some(1),
             Self::Best => None,
         };
-        let number = |argument: &str, default: u32| {
+        let default = CaptureParameters::DEFAULT;
+        let text = |argument: &str| {
             let row = Self::NUMBERS.iter().find(|(name, _)| *name == argument);
-            let text = row.zip(column).map(|((_, texts), column)| texts[column]);
+            row.zip(column).map(|((_, texts), column)| texts[column])
+        };
+        let number = |argument: &str, default: u32| {
+            let text = text(argument);
             text.and_then(|text| text.parse().ok()).unwrap_or(default)
         };
-        let default = CaptureParameters::DEFAULT;
+        let holes = text("holes").and_then(|text| text.parse().ok());
         let parameters = CaptureParameters {
             strata: number("strata", default.strata),
             rays_per_stratum: number("rays_per_stratum", default.rays_per_stratum),
             light_samples: number("light_samples", default.light_samples),
+            holes: holes.unwrap_or(default.holes),
             ..default
         };
         let face_size_px = number("face_size", CaptureSpec::DEFAULT_FACE_SIZE_PX);

@@ -99,7 +99,13 @@ impl ExportCommand {
         ];
         for (given, name, endings) in options {
             if given && !endings.iter().any(|wanted| ending == *wanted) {
-                bail_usage!("{name} is for .{} files", endings.join(" and ."));
+                let is_page = name == "--mb" && ending == "html";
+                let advice = if is_page {
+                    "; a page is about as large as its file: for a smaller one, capture with a smaller --face-size"
+                } else {
+                    ""
+                };
+                bail_usage!("{name} is for .{} files{advice}", endings.join(" and ."));
             }
         }
         if self.gaussians.is_some() && self.triangles.is_some() {
