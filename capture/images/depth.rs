@@ -56,7 +56,7 @@ pub struct DepthSource {
     pub channel: Option<String>,
     /// Kind of depth that a value times `unit_m` is.
     pub kind: DepthKind,
-    /// Metres per stored integer; 1/65535 for window depth in 16 bits.
+    /// Metres per stored integer, unless [`Self::is_share`].
     pub unit_m: f32,
     /// Metres per stored floating-point number.
     pub float_unit_m: f32,
@@ -65,7 +65,8 @@ pub struct DepthSource {
     pub window: Option<[f64; 2]>,
     /// True if zero means infinitely far (Seurat) instead of unknown.
     pub zero_is_far: bool,
-    /// True if integers are fractions of 1 (Seurat), so that 0 and 65535 are depths.
+    /// True if integers are fractions of the largest of their type (Seurat), so that 0 and 65535
+    /// are depths.
     pub is_share: bool,
     /// Standard deviation of inverse depth, 1/m, if the depth was estimated from the photographs
     /// ([`super::dense_depth`]). Such depth belongs to the undistorted lens and needs no
@@ -138,7 +139,7 @@ impl DepthSource {
         let mut picture = depth_files::read(
             &self.path,
             &DepthFormat {
-                unit: self.unit_m,
+                unit: (!self.is_share).then_some(self.unit_m),
                 float_unit: self.float_unit_m,
                 eight_bits: false,
                 are_shares: self.is_share,
@@ -177,6 +178,19 @@ impl DepthPicture {
     ///
     /// [`ExrParts::depth`]: headbox_core::image::exr_channels::ExrParts::depth
     pub fn read(path: &Path, unit: f32, float_unit: f32) -> Result<Self, ImagesError> {
+        Self::read_scaled(path, Some(unit), float_unit)
+    }
+
+    /// Same as [`Self::read`] for integers that are fractions of the largest of their type, of any
+    /// number of bits, such as window depth.
+    ///
+    /// # Errors
+    /// [`ImagesError`] that names the file.
+    pub fn read_fractions(path: &Path, float_unit: f32) -> Result<Self, ImagesError> {
+        Self::read_scaled(path, None, float_unit)
+    }
+
+    fn read_scaled(path: &Path, unit: Option<f32>, float_unit: f32) -> Result<Self, ImagesError> {
         depth_files::read(
             path,
             &DepthFormat {
@@ -404,7 +418,8 @@ mod tests {
         assert_eq!(read(&exr, false), "far unknown unknown unknown 1");
         assert_eq!(read(&exr, true), "far unknown far unknown 1");
         assert_eq!(read(&png, false), "unknown unknown 750");
-        assert_eq!(read(&png, true), "far 32767.5 750");
+        let share = 1500.0 * (1.0 / 65_535.0f32);
+        assert_eq!(read(&png, true), format!("far 1 {share}"));
         save_grey(&png, &[0, 65_535]);
         // Infinite far planes, and reversed ones.
         for (window, expected) in [

@@ -11,6 +11,7 @@ use crate::lens::Lens;
 use crate::seen_points::{SeenPoints, sampled_pixels, sampling_step};
 use crate::view::{LoadedView, MAX_DEPTH_M, View};
 use crate::{ImageSet, ImagesError};
+use glam::DMat3;
 use headbox_core::depth_kind::DepthKind;
 use headbox_core::read_note::ReadNote;
 use headbox_core::statistics::median;
@@ -48,8 +49,18 @@ pub(crate) fn examine(set: &mut ImageSet) {
         depth.is_some_and(|depth| depth.assumed.kind || depth.assumed.unit)
             && view.has_own_depth()
             && matches!(view.lens, Lens::Pinhole(_))
+            // Wide images already have distances.
+            && (view.source.is_none() || depth.is_some_and(|it| it.kind == DepthKind::EyeDepth))
     };
-    let assumed: Vec<&View> = set.views.iter().filter(|view| is_assumed(view)).collect();
+    // Views along the axis of their image.
+    let is_front = |view: &View| {
+        view.source
+            .is_none_or(|source| source.source_from_view == DMat3::IDENTITY)
+    };
+    let views = set.views.iter();
+    let assumed: Vec<&View> = views
+        .filter(|view| is_assumed(view) && is_front(view))
+        .collect();
     let Ok(mut pairs) = load_pairs(&assumed) else {
         // Loading reports it.
         return;
@@ -173,13 +184,16 @@ fn load_pairs(views: &[&View]) -> Result<Vec<Vec<LoadedView>>, ImagesError> {
 fn load(view: &View) -> Result<LoadedView, ImagesError> {
     let depth = view.load_depth()?;
     let distorted = LoadedView {
-        size_px: view.size_px,
+        size_px: view.file_size_px(),
         lens: view.lens,
         pose: view.pose,
         color: vec![[255; 4]; depth.len()],
         depth,
     };
-    Ok(distorted.undistorted())
+    Ok(match &view.source {
+        Some(source) => source.rectified(&distorted, view),
+        None => distorted.undistorted(),
+    })
 }
 
 /// Returns the depth of a view along the viewing axis if it is stored as distances along the ray.
@@ -366,6 +380,16 @@ mod tests {
     /// Half sides of the room, metres.
     const HALF: DVec3 = dvec3(2.0, 1.5, 3.0);
 
+    /// Returns the ideal position of a distorted one by the keys of `transforms.json`.
+    fn ideal_position(stored: glam::DVec2, more: &serde_json::Value) -> glam::DVec2 {
+        if more["is_fisheye"] == true {
+            return stored * (stored.length().tan() / stored.length());
+        }
+        let mut distortion = crate::Distortion::default();
+        distortion.radial[0] = more["k1"].as_f64().unwrap_or(0.0);
+        distortion.invert(stored)
+    }
+
     /// Writes views of a room: `move_m` apart and turned, with depth of `steps` for a metre,
     /// measured along the ray if `is_ray`.
     fn room(folder: &Path, views: u32, steps: f64, is_ray: bool, more: &serde_json::Value) {
@@ -375,7 +399,9 @@ mod tests {
             let eye = dvec3(0.3 * f64::from(i), 0.1, -0.4 * f64::from(i));
             let cast = |x: u32, y: u32| {
                 let [x, y] = [x, y].map(|at| f64::from(at) + 0.5);
-                let ray = turn * dvec3((x - 48.0) / FOCAL, (36.0 - y) / FOCAL, -1.0);
+                let stored = glam::dvec2((x - 48.0) / FOCAL, (y - 36.0) / FOCAL);
+                let ideal = ideal_position(stored, more);
+                let ray = turn * dvec3(ideal.x, -ideal.y, -1.0);
                 let wall = |k: usize| (HALF[k] * ray[k].signum() - eye[k]) / ray[k];
                 let depth = (0..3).map(wall).fold(f64::INFINITY, f64::min);
                 (depth, ray.length(), eye + ray * depth)
@@ -445,6 +471,21 @@ mod tests {
                 (median / right - 1.0).abs() < 1e-3 && warnings.is_empty(),
                 "{warnings}"
             );
+        }
+    }
+
+    #[test]
+    fn distance_along_ray_recognised_through_lenses() {
+        for more in [json!({"k1": -0.1}), json!({"is_fisheye": true})] {
+            let (notes, right, _) = examined(2, 1000.0, false, &more);
+            assert!(!notes.contains("along the ray"), "{more}: {notes}");
+            let (notes, median, warnings) = examined(2, 1000.0, true, &more);
+            assert!(notes.contains("along the ray"), "{more}: {notes}");
+            assert!(
+                (median / right - 1.0).abs() < 1e-2,
+                "{more}: {median} {right}"
+            );
+            assert_eq!(warnings, "", "{more}");
         }
     }
 

@@ -1,6 +1,6 @@
 //! Lens models: pinholes with OpenCV's distortion, and equirectangular panoramas.
 
-use glam::{DVec2, DVec3};
+use glam::{DMat2, DVec2, DVec3};
 
 /// Mapping between pixels and rays in eye space.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -39,6 +39,27 @@ impl Pinhole {
             Ok(self)
         } else {
             Err("has a distortion coefficient that is not finite")
+        }
+    }
+
+    /// Returns the length of the ray at eye depth 1 through a position in the distorted image.
+    pub(super) fn distorted_ray_length(&self, position: [f64; 2]) -> f64 {
+        let [x, y] =
+            [0, 1].map(|axis| (position[axis] - self.principal_px[axis]) / self.focal_px[axis]);
+        self.distortion
+            .invert(DVec2::new(x, y))
+            .extend(1.0)
+            .length()
+    }
+
+    /// Scales the lens from one size of the image to another.
+    #[must_use]
+    pub(super) fn scaled(self, from: [u32; 2], to: [u32; 2]) -> Self {
+        let factor = [0, 1].map(|axis| f64::from(to[axis]) / f64::from(from[axis]));
+        Self {
+            focal_px: [0, 1].map(|axis| self.focal_px[axis] * factor[axis]),
+            principal_px: [0, 1].map(|axis| self.principal_px[axis] * factor[axis]),
+            ..self
         }
     }
 }
@@ -87,6 +108,26 @@ impl Distortion {
             p1 * (r2 + 2.0 * p.y * p.y) + p2 * xy2,
         );
         p * radial + tangential
+    }
+
+    /// Maps a position in the distorted image to the ideal one, by Newton's method; returns the
+    /// position itself where that does not converge.
+    pub(super) fn invert(&self, distorted: DVec2) -> DVec2 {
+        const STEPS: u32 = 20;
+        const DIFFERENCE: f64 = 1e-5;
+        let mut p = distorted;
+        for _ in 0..STEPS {
+            let error = self.apply(p) - distorted;
+            if error.length() < 1e-10 {
+                return p;
+            }
+            let slope = |axis: DVec2| {
+                let step = axis * DIFFERENCE;
+                (self.apply(p + step) - self.apply(p - step)) / (2.0 * DIFFERENCE)
+            };
+            p -= DMat2::from_cols(slope(DVec2::X), slope(DVec2::Y)).inverse() * error;
+        }
+        distorted
     }
 }
 
@@ -171,6 +212,17 @@ mod tests {
     use super::*;
 
     const SIZE: [u32; 2] = [640, 480];
+
+    #[test]
+    fn inverted_distortion_is_exact() {
+        let lens = Distortion {
+            radial: [-0.2, 0.05, 0.01, 0.02, 0.0, 0.0],
+            tangential: [0.003, -0.002],
+        };
+        for p in [DVec2::ZERO, DVec2::new(0.6, -0.4), DVec2::new(-0.1, 0.5)] {
+            assert!((lens.invert(lens.apply(p)) - p).length() < 1e-9, "{p}");
+        }
+    }
 
     fn pinhole() -> Lens {
         let distortion = Distortion::default();

@@ -155,28 +155,48 @@ impl ImageSet {
         Ok(set)
     }
 
-    /// Drops views whose photograph is missing: models and manifests often list more images than
-    /// were distributed. A missing photograph with depth is damage, which loading reports.
+    /// Drops views whose photograph is missing or is not an image: models and manifests often list
+    /// more images than were distributed.
     fn drop_missing(&mut self) -> Result<(), ImagesError> {
-        let is_missing = |view: &View| view.depth.is_none() && !view.color.is_file();
         let all = self.views.len();
-        let (missing, views): (Vec<View>, Vec<View>) = std::mem::take(&mut self.views)
+        let (views, missing): (Vec<View>, Vec<View>) = std::mem::take(&mut self.views)
             .into_iter()
-            .partition(is_missing);
-        self.views = views;
-        let Some(first) = missing.first() else {
-            return Ok(());
-        };
-        if self.views.is_empty() {
-            let cause = format!("file not found, nor any other of the {all} images");
-            return Err(ImagesError::invalid_picture(&first.color, cause));
+            .partition(|view| view.color.exists());
+        let size = |view: &View| color_images::read_size(&view.color).map(|_| ());
+        let sizes: Vec<Result<(), ImagesError>> = views.par_iter().map(size).collect();
+        let mut broken = Vec::new();
+        let mut first_error = None;
+        for (view, size) in views.into_iter().zip(sizes) {
+            match size {
+                Ok(()) => self.views.push(view),
+                Err(error) => {
+                    broken.push(error.to_string());
+                    first_error.get_or_insert(error);
+                }
+            }
         }
-        let sentence = format!(
-            "{} of {all} images are missing, and their views skipped",
-            missing.len()
-        );
-        let missing: Vec<&View> = missing.iter().collect();
-        self.notes.push(note_images(&sentence, &missing));
+        if self.views.is_empty() {
+            let missing = missing.first().map(|view| {
+                let cause = format!("file not found, nor any other of the {all} images");
+                ImagesError::invalid_picture(&view.color, cause)
+            });
+            return first_error.or(missing).map_or(Ok(()), Err);
+        }
+        if !missing.is_empty() {
+            let sentence = format!(
+                "{} of {all} images are missing, and their views skipped",
+                missing.len()
+            );
+            let missing: Vec<&View> = missing.iter().collect();
+            self.notes.push(note_images(&sentence, &missing));
+        }
+        if !broken.is_empty() {
+            let sentence = format!(
+                "{} of {all} images cannot be read, and their views are skipped",
+                broken.len()
+            );
+            self.notes.push(ReadNote::with_names(&sentence, &broken, 1));
+        }
         Ok(())
     }
 

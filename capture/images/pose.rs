@@ -19,6 +19,12 @@ const ROTATION_TOLERANCE: f64 = 1e-3;
 const FARTHEST_EYE: f64 = 1e9;
 
 impl Pose {
+    /// Pose at the origin that looks down -Z.
+    pub(super) const IDENTITY: Self = Self {
+        eye: DVec3::ZERO,
+        world_from_eye: DMat3::IDENTITY,
+    };
+
     /// Converts a camera-to-world matrix whose eye space is that of this crate (OpenGL, Blender,
     /// nerfstudio, Seurat).
     ///

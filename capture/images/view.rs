@@ -110,8 +110,11 @@ impl View {
                 );
                 return Err(ImagesError::invalid_picture(mask, cause));
             }
+            // Some programs write 0 and 1 in place of 0 and 255.
+            let levels = mask_pixels.iter().flat_map(|pixel| &pixel[..3]);
+            let threshold = if levels.max() == Some(&1) { 1 } else { 128 };
             for (pixel, masked) in color.iter_mut().zip(mask_pixels) {
-                if masked[3] == 0 || masked[..3].iter().all(|&level| level < 128) {
+                if masked[3] == 0 || masked[..3].iter().all(|&level| level < threshold) {
                     pixel[3] = 0;
                 }
             }

@@ -53,11 +53,8 @@ impl View {
             for (x, depth) in row.iter_mut().enumerate() {
                 let scale = match (source.kind, self.lens) {
                     // Converts distance along the ray to a multiple of the ray (C24).
-                    (DepthKind::RayDistance, Lens::Pinhole(_)) if self.source.is_none() => {
-                        (1.0 / self
-                            .lens
-                            .ray([x as f64 + 0.5, y as f64 + 0.5], self.size_px)
-                            .length()) as f32
+                    (DepthKind::RayDistance, Lens::Pinhole(lens)) if self.source.is_none() => {
+                        (1.0 / lens.distorted_ray_length([x as f64 + 0.5, y as f64 + 0.5])) as f32
                     }
                     _ => 1.0,
                 };

@@ -13,8 +13,8 @@ use std::path::Path;
 
 /// Interpretation of a depth file.
 pub(crate) struct DepthFormat<'a> {
-    /// Factor of integers.
-    pub(crate) unit: f32,
+    /// Factor of integers, or `None` if the largest integer of the file's type is 1.
+    pub(crate) unit: Option<f32>,
     /// Factor of floating-point numbers.
     pub(crate) float_unit: f32,
     /// True if integers of 8 bits are accepted.
@@ -64,11 +64,12 @@ pub(crate) fn read(path: &Path, format: &DepthFormat) -> Result<DepthPicture, Im
             let largest = u32::MAX >> (32 - u32::from(bits));
             let is_unknown =
                 |v: u32| !format.are_shares && (v == 0 || (!format.eight_bits && v == largest));
+            let unit = format.unit.unwrap_or(1.0 / largest as f32);
             let value = |v: u32| {
                 if is_unknown(v) {
                     f32::NAN
                 } else {
-                    v as f32 * format.unit
+                    v as f32 * unit
                 }
             };
             values.into_iter().map(value).collect()

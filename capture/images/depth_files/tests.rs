@@ -7,7 +7,7 @@ use tempfile::TempDir;
 const SIZE: [usize; 2] = [3, 2];
 
 const FORMAT: DepthFormat<'static> = DepthFormat {
-    unit: 0.001,
+    unit: Some(0.001),
     float_unit: 1.0,
     eight_bits: false,
     are_shares: false,
@@ -257,4 +257,19 @@ fn grey_picture_in_colour_is_depth() {
     colored[4] += 1;
     let error = save(colored).expect_err("colours").to_string();
     assert!(error.contains("different colours"), "{error}");
+}
+
+#[test]
+fn largest_integer_of_any_type_is_1() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let halves = [
+        ("|u1", [128u8; 6].to_vec()),
+        ("<u2", [0x8000u16.to_le_bytes(); 6].concat()),
+        ("<u4", [0x8000_0000u32.to_le_bytes(); 6].concat()),
+    ];
+    for (descr, data) in halves {
+        let path = save(&folder, "d.npy", &npy(descr, "False", "2, 3", &data));
+        let depth = DepthPicture::read_fractions(&path, 1.0).expect(descr);
+        assert!((depth.values[0] - 0.5).abs() < 0.003, "{descr}: {depth:?}");
+    }
 }

@@ -145,9 +145,10 @@ impl<'a> JsonObject<'a> {
         }
     }
 
-    /// Returns a matrix of 16 numbers, row by row, in one list or in four.
+    /// Returns a matrix of 16 numbers, row by row, in one list or in four; the last row, 0 0 0 1,
+    /// may be missing.
     pub(super) fn matrix(&self, key: &str) -> Result<DMat4, ImagesError> {
-        let wrong = || self.error(key, "must hold 16 numbers, row by row");
+        let wrong = || self.error(key, "must hold 16 or 12 numbers, row by row");
         let list = self
             .value
             .get(key)
@@ -158,9 +159,11 @@ impl<'a> JsonObject<'a> {
             .flat_map(|row| row.as_array().map_or(vec![row], |r| r.iter().collect()))
             .collect();
         let numbers: Option<Vec<f64>> = flat.into_iter().map(Value::as_f64).collect();
-        let numbers: [f64; 16] = numbers
-            .and_then(|numbers| numbers.try_into().ok())
-            .ok_or_else(wrong)?;
+        let mut numbers = numbers.ok_or_else(wrong)?;
+        if numbers.len() == 12 {
+            numbers.extend([0.0, 0.0, 0.0, 1.0]);
+        }
+        let numbers: [f64; 16] = numbers.try_into().map_err(|_| wrong())?;
         Ok(DMat4::from_cols_array(&numbers).transpose())
     }
 }

@@ -7,10 +7,13 @@ use super::text;
 use crate::camera_model::{CameraModel, Polynomial, Projection};
 use crate::color_images::read_size;
 use crate::lens::{Distortion, Lens, Pinhole};
+use crate::pose::Pose;
 use crate::rectify::{ImageLens, ViewList};
 use crate::view::View;
 use crate::{ImageSet, ImagesError};
+use glam::{DMat3, DMat4, DVec3};
 use headbox_core::files::InputFolder;
+use headbox_core::read_note::ReadNote;
 use roxmltree::{Document, Node};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -60,10 +63,9 @@ fn read(folder: &InputFolder, file: &Path, text: &str) -> Result<ImageSet, Image
     let bad = |field: &str, cause: &str| ImagesError::field(file, field, cause);
     let document =
         Document::parse(text).map_err(|error| bad("the file", &format!("is not XML: {error}")))?;
-    let find = |name| document.descendants().find(|node| node.has_tag_name(name));
-    let chunk = find("chunk").ok_or_else(|| bad("chunk", "is missing"))?;
+    let (chunk, others) = choose_chunk(&document).ok_or_else(|| bad("chunk", "is missing"))?;
     let mut sensors = BTreeMap::new();
-    let mut notes = Vec::new();
+    let mut notes: Vec<ReadNote> = others.into_iter().collect();
     for node in chunk
         .descendants()
         .filter(|node| node.has_tag_name("sensor"))
@@ -80,12 +82,10 @@ fn read(folder: &InputFolder, file: &Path, text: &str) -> Result<ImageSet, Image
     if skewed > 0 {
         notes.push(format!("the skew (b2) of {skewed} sensors is ignored").into());
     }
-    let cameras: Vec<Node> = chunk
-        .descendants()
-        .filter(|node| node.has_tag_name("camera") && node.has_attribute("sensor_id"))
-        .collect();
-    let scale = read_scale(chunk);
+    let cameras: Vec<Node> = chunk.descendants().filter(is_camera).collect();
     let component = largest_component(&cameras);
+    let (transform, note) = ChunkTransform::read(chunk, component);
+    notes.extend(note);
     let mut list = ViewList::default();
     let mut left_out = LeftOut::default();
     let mut is_empty = true;
@@ -100,8 +100,8 @@ fn read(folder: &InputFolder, file: &Path, text: &str) -> Result<ImageSet, Image
             if camera.attribute("component_id") != component {
                 return Err(fail("is of a smaller component"));
             }
-            let mut pose = pose_from_rows(&rows).map_err(|cause| fail(&cause))?;
-            pose.eye *= scale;
+            let pose = pose_from_rows(&rows).map_err(|cause| fail(&cause))?;
+            let pose = transform.apply(pose);
             let id = camera.attribute("sensor_id").unwrap_or_default();
             let sensor = match sensors.get(id) {
                 Some(Ok(sensor)) => sensor,
@@ -139,20 +139,98 @@ fn read(folder: &InputFolder, file: &Path, text: &str) -> Result<ImageSet, Image
     })
 }
 
-/// Returns the metres per unit of the chunk's coordinates. The rotation and translation to the
-/// globe are left out: they would put the eyes thousands of kilometres from the origin.
-fn read_scale(chunk: Node) -> f64 {
-    let of = |node: Node| {
-        let transform = child(node, "transform")?;
-        number(transform, "scale")
+/// Transform from the coordinates of a chunk or component to those of its project.
+struct ChunkTransform {
+    scale: f64,
+    turn: Pose,
+}
+
+impl ChunkTransform {
+    const IDENTITY: Self = Self {
+        scale: 1.0,
+        turn: Pose::IDENTITY,
     };
-    let components = chunk
-        .descendants()
-        .filter(|node| node.has_tag_name("component"));
-    let scale = of(chunk).or_else(|| components.into_iter().find_map(of));
-    scale
-        .filter(|scale| scale.is_finite() && *scale > 0.0)
-        .unwrap_or(1.0)
+
+    /// Reads the transform of the component if it has one, else that of the chunk; returns also a
+    /// note if it is not the identity.
+    fn read(chunk: Node, component: Option<&str>) -> (Self, Option<ReadNote>) {
+        let is_own = |node: &Node| {
+            node.has_tag_name("component")
+                && component.is_some_and(|id| node.attribute("id") == Some(id))
+        };
+        let own = chunk.descendants().find(is_own);
+        let node = own.and_then(|own| child(own, "transform"));
+        let Some(node) = node.or_else(|| child(chunk, "transform")) else {
+            return (Self::IDENTITY, None);
+        };
+        let scale = number(node, "scale").filter(|scale| scale.is_finite() && *scale > 0.0);
+        let scale = scale.unwrap_or(1.0);
+        let turn = read_turn(node);
+        let use_of_turn = if turn.is_some() {
+            "applied"
+        } else {
+            "left out, as they lead to the globe or are not a rotation"
+        };
+        let note = format!(
+            "the transform of the chunk scales by {scale}; its rotation and translation are {use_of_turn}"
+        );
+        let has_effect = turn.is_none_or(|turn| turn != Pose::IDENTITY) || scale != 1.0;
+        let turn = turn.unwrap_or(Pose::IDENTITY);
+        let transform = Self { scale, turn };
+        (transform, has_effect.then(|| note.into()))
+    }
+
+    fn apply(&self, pose: Pose) -> Pose {
+        Pose {
+            eye: self.turn.to_world(pose.eye * self.scale),
+            world_from_eye: self.turn.world_from_eye * pose.world_from_eye,
+        }
+    }
+}
+
+/// Reads the rotation and translation of a transform. Those to the globe would put the eyes
+/// thousands of kilometres from the origin, and are left out.
+fn read_turn(node: Node) -> Option<Pose> {
+    /// Longest translation within a project, metres.
+    const FARTHEST_M: f64 = 1e5;
+    let list = |name| child(node, name).map(|node| numbers(Some(node)));
+    let rotation = list("rotation").unwrap_or_else(|| Some(DMat3::IDENTITY.to_cols_array().into()));
+    let translation = list("translation").unwrap_or_else(|| Some(vec![0.0; 3]));
+    let rotation: [f64; 9] = rotation?.try_into().ok()?;
+    let translation: [f64; 3] = translation?.try_into().ok()?;
+    let mut matrix = DMat4::from_mat3(DMat3::from_cols_array(&rotation).transpose());
+    matrix.w_axis = DVec3::from(translation).extend(1.0);
+    let turn = Pose::from_opengl(matrix).ok()?;
+    (turn.eye.length() < FARTHEST_M).then_some(turn)
+}
+
+fn is_camera(node: &Node) -> bool {
+    node.has_tag_name("camera") && node.has_attribute("sensor_id")
+}
+
+/// Chooses the chunk with most aligned cameras, and names the others: each has coordinates of its
+/// own.
+fn choose_chunk<'a>(document: &'a Document<'a>) -> Option<(Node<'a, 'a>, Option<ReadNote>)> {
+    let nodes = document.descendants();
+    let chunks: Vec<Node> = nodes.filter(|node| node.has_tag_name("chunk")).collect();
+    let count = |chunk: &Node| {
+        let is_aligned = |node: &Node| is_camera(node) && child(*node, "transform").is_some();
+        chunk.descendants().filter(is_aligned).count()
+    };
+    let counts: Vec<usize> = chunks.iter().map(count).collect();
+    let most = counts.iter().copied().max()?;
+    let chosen = counts.iter().position(|&count| count == most)?;
+    let name = |i: usize| {
+        let label = chunks[i].attribute("label").map(str::to_owned);
+        let label = label.unwrap_or_else(|| (i + 1).to_string());
+        format!("{label} with {} cameras", counts[i])
+    };
+    let others: Vec<String> = (0..chunks.len())
+        .filter(|&i| i != chosen)
+        .map(name)
+        .collect();
+    let sentence = format!("read the chunk {}, the largest; left out", name(chosen));
+    Some((chunks[chosen], text::note_names(&sentence, &others)))
 }
 
 /// Returns the component with most aligned cameras.

@@ -1,7 +1,7 @@
 //! Paths in the files of a set.
 
 use crate::ImagesError;
-use headbox_core::files::{InputFolder, Refusal};
+use headbox_core::files::{InputFolder, Refusal, find_similar};
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
@@ -53,19 +53,49 @@ pub(super) fn find_file(
     base: &Path,
     written: &str,
 ) -> Result<Option<PathBuf>, Refusal> {
-    let found = folder.find(&[base], written, false, |written: &str| {
-        let wanted = written.to_lowercase();
-        move |name: &OsStr| name.to_string_lossy().to_lowercase() == wanted
-    });
+    let found = folder.find(&[base], written, false, matches_case);
     Ok(found?.map(|found| found.path))
 }
+
+fn matches_case(written: &str) -> impl Fn(&OsStr) -> bool + use<> {
+    let wanted = written.to_lowercase();
+    move |name: &OsStr| name.to_string_lossy().to_lowercase() == wanted
+}
+
+/// Finds an image whose name is written without its extension, regardless of case and separators.
+pub(super) fn find_without_extension(
+    folder: &InputFolder,
+    base: &Path,
+    stem: &str,
+) -> Option<PathBuf> {
+    let found = folder.find(&[base], stem, false, |written: &str| {
+        let wanted = written.to_lowercase();
+        move |name: &OsStr| {
+            let name = name.to_string_lossy().to_lowercase();
+            let is_image = |rest: &str| {
+                let ending = rest.strip_prefix('.');
+                ending.is_some_and(|ending| EXTENSIONS.contains(&ending))
+            };
+            let rest = name.strip_prefix(&wanted);
+            rest.is_some_and(|rest| rest.is_empty() || is_image(rest))
+        }
+    });
+    found.ok().flatten().map(|found| found.path)
+}
+
+/// Extensions of photographs.
+const EXTENSIONS: [&str; 6] = ["jpg", "png", "jpeg", "tif", "tiff", "webp"];
 
 /// Returns the image `stem` in a folder, `stem.jpg` if there is none.
 pub(super) fn find_image(folder: &Path, stem: &str) -> PathBuf {
     let named = |extension: &str| folder.join(format!("{stem}.{extension}"));
-    ["jpg", "png", "jpeg", "JPG", "PNG", "JPEG", "exr"]
-        .map(named)
+    let capital = EXTENSIONS.map(str::to_uppercase);
+    let capital = capital.iter().map(String::as_str);
+    EXTENSIONS
         .into_iter()
+        .chain(capital)
+        .chain(["exr"])
+        .map(named)
         .find(|path| path.is_file())
         .unwrap_or_else(|| named("jpg"))
 }
@@ -81,7 +111,9 @@ pub(super) fn find_named_image(
     let leads_out = set.leads_out(set.path(), name);
     let last = name.rsplit(['/', '\\']).next().unwrap_or(name);
     let stem = if leads_out { last } else { name };
-    for place in ["images", "input", ""].map(|place| set.path().join(place)) {
+    for place in ["images", "input", ""] {
+        let similar = find_similar(set.path(), Path::new(place), matches_case);
+        let place = similar.unwrap_or_else(|| set.path().join(place));
         let whole = find_file(set, &place, name).map_err(|refusal| match refusal {
             Refusal::Outside(_) => ImagesError::Outside {
                 path: file.into(),
@@ -92,6 +124,9 @@ pub(super) fn find_named_image(
         })?;
         let found = whole.unwrap_or_else(|| find_image(&place, stem));
         if found.is_file() {
+            return Ok(Some(found));
+        }
+        if let Some(found) = find_without_extension(set, &place, stem) {
             return Ok(Some(found));
         }
     }
@@ -154,5 +189,25 @@ mod tests {
         assert_eq!(found("/home/me/images/0.jpg"), "Images/0.JPG", "moved");
         assert_eq!(found("Images/a\\b.png"), "Images/a\\b.png", "as written");
         assert_eq!(found("images\\1.jpg"), "images/1.jpg", "missing");
+    }
+
+    #[test]
+    fn name_without_extension_found_in_any_case() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let names = ["Images/cam/DSC_0.tif", "Images/1.JPEG", "Images/1.txt"];
+        for name in names {
+            let path = folder.path().join(name);
+            std::fs::create_dir_all(path.parent().expect("a folder")).expect("made");
+            std::fs::write(path, b"").expect("written");
+        }
+        let set = InputFolder::new(folder.path());
+        for (stem, expected) in [("cam\\dsc_0", names[0]), ("1", names[1])] {
+            let file = folder.path().join("cameras.json");
+            let found = find_named_image(&set, &file, stem).expect("inside");
+            assert_eq!(found, Some(folder.path().join(expected)));
+            let written = format!("images/{stem}");
+            let found = find_without_extension(&set, folder.path(), &written);
+            assert_eq!(found, Some(folder.path().join(expected)));
+        }
     }
 }

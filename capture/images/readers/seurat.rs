@@ -5,6 +5,7 @@ use crate::color_images::ColorChannels;
 use crate::depth::DepthSource;
 use crate::lens::{Distortion, Lens, Pinhole};
 use crate::pose::Pose;
+use crate::readers::left_out::LeftOut;
 use crate::readers::text;
 use crate::view::View;
 use crate::{ImageSet, ImagesError, resolve};
@@ -23,16 +24,21 @@ pub(crate) fn open(folder: &InputFolder, file: &Path) -> Result<ImageSet, Images
         .then(|| headbox_centre(&root))
         .transpose()?;
     let mut views = Vec::new();
+    let mut left_out = LeftOut::default();
     for group in root.list("view_groups")? {
         for view in group.list("views")? {
-            views.push(read_view(folder, &view)?);
+            let written = view.value["depth_image_file"]["color"]["path"].as_str();
+            let name = written.unwrap_or(&view.path);
+            views.extend(left_out.keep(name, read_view(folder, &view))?);
         }
     }
+    let note = left_out.finish()?;
     if views.is_empty() {
         return Err(root.error("view_groups", "contains no view"));
     }
     Ok(ImageSet {
         headbox_centre: centre,
+        notes: note.into_iter().collect(),
         ..ImageSet::new(folder.path(), "Seurat manifest", views)
     })
 }

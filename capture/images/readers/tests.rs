@@ -1,8 +1,9 @@
 //! Tests of the layouts of image sets, on folders of tiny images.
 
-use crate::{ImageSet, ImageSetOptions, Lens};
+use crate::{DepthPicture, ImageSet, ImageSetOptions, Lens, write_depth_exr};
 use glam::DVec3;
-use image::{Luma, Rgb, RgbImage};
+use image::codecs::png::PngEncoder;
+use image::{ExtendedColorType, ImageEncoder, Luma, Rgb, RgbImage};
 use std::path::Path;
 use tempfile::TempDir;
 
@@ -272,4 +273,274 @@ fn lens_keys_read_or_reported() {
         "{notes}"
     );
     assert!(!notes.contains("aabb_scale"), "{notes}");
+}
+
+/// Saves an image of 6x8 pixels that is stored on its side, with EXIF orientation 6.
+fn save_on_side(path: &Path) {
+    let exif = *b"II*\0\x08\0\0\0\x01\0\x12\x01\x03\0\x01\0\0\0\x06\0\0\0\0\0\0\0";
+    let mut file = Vec::new();
+    let mut encoder = PngEncoder::new(&mut file);
+    encoder.set_exif_metadata(exif.to_vec()).expect("supported");
+    let pixels = [9; 8 * 6 * 3];
+    encoder
+        .write_image(&pixels, 8, 6, ExtendedColorType::Rgb8)
+        .expect("fits");
+    std::fs::write(path, file).expect("written");
+}
+
+#[test]
+fn image_on_its_side_read_upright() {
+    const POLYCAM: &str = r#"{"fx": 5, "fy": 5, "cx": 3, "cy": 4, "width": 6, "height": 8,
+        "t_00": 1, "t_01": 0, "t_02": 0, "t_03": 0, "t_10": 0, "t_11": 1, "t_12": 0, "t_13": 0,
+        "t_20": 0, "t_21": 0, "t_22": 1, "t_23": 0}"#;
+    const RECORD3D: &str = r#"{"w": 6, "h": 8, "K": [5, 0, 0, 0, 5, 0, 3, 4, 1],
+        "poses": [[0, 0, 0, 1, 0, 0, 0]]}"#;
+    const SPLATS: &str = r#"[{"id": 0, "img_name": "0", "width": 6, "height": 8, "fx": 5, "fy": 5,
+        "position": [0, 0, 0], "rotation": [[1, 0, 0], [0, 1, 0], [0, 0, 1]]}]"#;
+    let sets = [
+        (
+            vec![("keyframes/cameras/0.json", POLYCAM)],
+            "keyframes/images/0.jpg",
+        ),
+        (vec![("metadata.json", RECORD3D)], "rgb/0.jpg"),
+        (vec![("cameras.json", SPLATS)], "images/0.png"),
+        (
+            vec![
+                ("intrinsic/intrinsic_color.txt", "5 5 2.5 3.5"),
+                ("pose/0.txt", POSE),
+            ],
+            "color/0.jpg",
+        ),
+        (
+            vec![
+                ("rgb.txt", "1 rgb/0.png"),
+                ("groundtruth.txt", "1 0 0 0 0 0 0 1"),
+                ("intrinsics.txt", "5 5 2.5 3.5"),
+            ],
+            "rgb/0.png",
+        ),
+    ];
+    for (files, image) in sets {
+        let folder = folder(&files, &[image], &[]);
+        save_on_side(&folder.path().join(image));
+        let set = open(folder.path());
+        assert_eq!(set.views[0].size_px, [6, 8], "{}", set.format);
+        let notes = set.notes.join("\n");
+        assert!(notes.contains("turned upright"), "{notes}");
+        assert!(!notes.contains("sizes of images differ"), "{notes}");
+        let lens = set.views[0].pinhole().expect("a pinhole");
+        assert_eq!((lens.focal_px, lens.principal_px), ([5.0; 2], [3.0, 4.0]));
+    }
+}
+
+/// Opens a ScanNet sequence of one frame with these intrinsics of colour and depth.
+fn scannet_notes(color: &str, depth: &str) -> String {
+    let files = [
+        ("intrinsic/intrinsic_color.txt", color),
+        ("intrinsic/intrinsic_depth.txt", depth),
+        ("pose/0.txt", POSE),
+    ];
+    let folder = folder(&files, &["color/0.jpg"], &["depth/0.png"]);
+    open(folder.path()).notes.join("\n")
+}
+
+#[test]
+fn intrinsics_that_do_not_fit_noted() {
+    assert_eq!(scannet_notes("5 5 3.5 2.5", "5 5 3.5 2.5"), "");
+    let notes = scannet_notes("5 5 3.5 2.5", "4 4 3.5 2.5");
+    assert!(notes.contains("another field of view"), "{notes}");
+    let notes = scannet_notes("10 10 7.5 5.5", "10 10 7.5 5.5");
+    assert!(notes.contains("images of another size"), "{notes}");
+}
+
+#[test]
+fn replica_scales_intrinsics_and_pairs_by_number() {
+    let line = "1 0 0 0.5 0 1 0 0 0 0 1 2 0 0 0 1\n";
+    let camera = r#"{"camera": {"w": 16, "h": 12, "fx": 10, "fy": 10, "cx": 7.5, "cy": 5.5, "scale": 2500}}"#;
+    let trajectory = line.repeat(3);
+    let files = [
+        ("traj.txt", trajectory.as_str()),
+        ("cam_params.json", camera),
+    ];
+    let images = [
+        "results/frame0.jpg",
+        "results/frame1.jpg",
+        "results/frame2.jpg",
+    ];
+    let depths = ["results/depth0.png", "results/depth2.png"];
+    let folder = folder(&files, &images, &depths);
+    let set = open(folder.path());
+    check(&set, [0.5, 0.0, 2.0], 5.0, [4.0, 3.0], OPENCV);
+    let has_depth: Vec<bool> = set.views.iter().map(|view| view.depth.is_some()).collect();
+    assert_eq!(has_depth, [true, false, true]);
+    let last = set.views[2].depth.as_ref().expect("depth");
+    assert!(last.path.ends_with("depth2.png"), "{last:?}");
+}
+
+#[test]
+fn float_depth_of_tum_is_metres() {
+    let files = [
+        ("rgb.txt", "1 rgb/0.png"),
+        ("depth.txt", "1 depth/0.exr"),
+        ("groundtruth.txt", "1 0 0 0 0 0 0 1"),
+        ("intrinsics.txt", "5 5 3.5 2.5"),
+        ("depth/note.txt", ""),
+    ];
+    let folder = folder(&files, &["rgb/0.png"], &[]);
+    let depth = DepthPicture {
+        width: 8,
+        height: 6,
+        values: vec![2.0; 48],
+    };
+    write_depth_exr(&depth, &folder.path().join("depth/0.exr")).expect("written");
+    let view = open(folder.path()).views[0].load().expect("loads");
+    assert_eq!(view.depth[0], 2.0);
+}
+
+#[test]
+fn mask_of_levels_0_and_1_keeps_1() {
+    let json = format!(
+        r#"{{"fl_x": 5, "frames": [{{"file_path": "a.png", "mask_path": "m.png", "transform_matrix": {IDENTITY}}}]}}"#
+    );
+    let folder = folder(&[("transforms.json", &json)], &["a.png"], &[]);
+    let mask = image::GrayImage::from_fn(8, 6, |x, _| Luma([u8::from(x < 4)]));
+    mask.save(folder.path().join("m.png")).expect("written");
+    let view = open(folder.path()).views[0].load().expect("loads");
+    assert_eq!([view.color[0][3], view.color[7][3]], [255, 0]);
+}
+
+#[test]
+fn largest_sequence_read_and_others_named() {
+    let files = [
+        ("camera-intrinsics.txt", "5 5 3.5 2.5"),
+        ("seq-01/frame-0.pose.txt", POSE),
+        ("seq-02/frame-0.pose.txt", POSE),
+        ("seq-02/frame-1.pose.txt", POSE),
+    ];
+    let images = ["seq-01/frame-0.color.png", "seq-02/frame-0.color.png"];
+    let folder = folder(&files, &images, &[]);
+    let set = open(folder.path());
+    let notes = set.notes.join("\n");
+    assert_eq!(set.views.len(), 1, "{notes}");
+    assert!(
+        notes.contains("read the sequence seq-02 with 2 frames"),
+        "{notes}"
+    );
+    assert!(notes.contains("seq-01 with 1 frames"), "{notes}");
+    assert!(
+        notes.contains("left out 1 of 2 frames: frame-1.pose.txt"),
+        "{notes}"
+    );
+}
+
+#[test]
+fn model_beside_numbered_ones_considered() {
+    let camera = "1 PINHOLE 8 6 5 5 4 3\n";
+    let files = [
+        ("sparse/cameras.txt", camera),
+        (
+            "sparse/images.txt",
+            "1 1 0 0 0 0 0 0 1 a.png\n2 1 0 0 0 0 0 1 1 b.png\n",
+        ),
+        ("sparse/0/cameras.txt", camera),
+        ("sparse/0/images.txt", "1 1 0 0 0 0 0 0 1 a.png\n"),
+    ];
+    let folder = folder(&files, &["images/a.png", "images/b.png"], &[]);
+    let set = open(folder.path());
+    assert_eq!(set.views.len(), 2);
+    assert!(
+        set.notes.join("\n").contains("read sparse with 2 images"),
+        "{:?}",
+        set.notes
+    );
+}
+
+#[test]
+fn metashape_applies_transform_of_largest_chunk() {
+    let sensors = r#"<sensors><sensor id="0" type="frame"><resolution width="8" height="6"/>
+        <calibration class="adjusted"><f>5</f></calibration></sensor></sensors>"#;
+    let camera = |label: &str, x: f64| {
+        format!(
+            r#"<camera sensor_id="0" component_id="3" label="{label}"><transform>1 0 0 {x} 0 1 0 0 0 0 1 0 0 0 0 1</transform></camera>"#
+        )
+    };
+    let small = camera("c", 0.0);
+    let cameras = camera("a", -0.25) + &camera("b", 0.25);
+    let transform = "<transform><rotation>0 -1 0 1 0 0 0 0 1</rotation>\
+        <translation>0 0 1</translation><scale>2</scale></transform>";
+    let component = format!("<components><component id=\"3\">{transform}</component></components>");
+    for (component, transform) in [("", transform), (component.as_str(), "")] {
+        let xml = format!(
+            "<document><chunk label=\"first\">{sensors}<cameras>{small}</cameras></chunk>\
+             <chunk>{sensors}<cameras>{cameras}</cameras>{component}{transform}</chunk></document>"
+        );
+        let images = ["a.jpg", "b.jpg", "c.jpg"];
+        let folder = folder(&[("cameras.xml", &xml)], &images, &[]);
+        let set = open(folder.path());
+        check(
+            &set,
+            [0.0, -0.5, 1.0],
+            5.0,
+            [4.0, 3.0],
+            [DVec3::Y, -DVec3::X],
+        );
+        assert_eq!(set.views.len(), 2);
+        let notes = set.notes.join("\n");
+        assert!(notes.contains("first with 1 cameras"), "{notes}");
+        assert!(notes.contains("scales by 2"), "{notes}");
+    }
+}
+
+#[test]
+fn unusable_camera_leaves_out_its_images() {
+    for camera in [
+        "FANCY 8 6 5",
+        "PINHOLE 8 6 0 5 4 3",
+        "PINHOLE 8 6 nan 5 4 3",
+    ] {
+        let cameras = format!("\u{feff}1 PINHOLE 8 6 5 5 4 3\n2 {camera}\n");
+        let files = [
+            ("sparse/cameras.txt", cameras.as_str()),
+            (
+                "sparse/images.txt",
+                "1 1 0 0 0 0 0 0 1 a.png\n2 1 0 0 0 0 0 1 2 b.png\n",
+            ),
+        ];
+        let folder = folder(&files, &["images/a.png", "images/b.png"], &[]);
+        let set = open(folder.path());
+        let notes = set.notes.join("\n");
+        assert_eq!(set.views.len(), 1, "{notes}");
+        assert!(
+            notes.contains("left out 1 of 2 frames: b.png (camera 2 has"),
+            "{notes}"
+        );
+    }
+}
+
+#[test]
+fn broken_image_with_depth_left_out() {
+    let frame = |name: &str| {
+        format!(
+            r#"{{"file_path": "{name}", "depth_file_path": "d.png", "transform_matrix": [[1,0,0,0],[0,1,0,0],[0,0,1,0]]}}"#
+        )
+    };
+    let frames = ["a.png", "empty.png", "text.png", "missing.png"].map(frame);
+    let json = format!(
+        r#"{{"fl_x": 5, "w": 8, "h": 6, "frames": [{}]}}"#,
+        frames.join(",")
+    );
+    let files = [
+        ("transforms.json", json.as_str()),
+        ("empty.png", ""),
+        ("text.png", "an error of the server"),
+    ];
+    let folder = folder(&files, &["a.png"], &["d.png"]);
+    let set = open(folder.path());
+    let notes = set.notes.join("\n");
+    assert_eq!(set.views.len(), 1, "{notes}");
+    assert!(notes.contains("1 of 4 images are missing"), "{notes}");
+    assert!(notes.contains("2 of 4 images cannot be read"), "{notes}");
+    std::fs::write(folder.path().join("a.png"), "").expect("written");
+    let error = ImageSet::open(folder.path(), &ImageSetOptions::default()).expect_err("no image");
+    assert!(error.to_string().contains("a.png"), "{error}");
 }

@@ -21,10 +21,14 @@ pub(crate) fn read_bytes(folder: &InputFolder, file: &Path) -> Result<Vec<u8>, I
         .map_err(|cause| ImagesError::io(file, cause))
 }
 
-/// Reads a text file of a set.
+/// Reads a text file of a set, without a byte order mark.
 pub(super) fn read_text(folder: &InputFolder, file: &Path) -> Result<String, ImagesError> {
     let text = folder.read_text(file);
-    text.map_err(|cause| ImagesError::io(file, cause))
+    let text = text.map_err(|cause| ImagesError::io(file, cause))?;
+    Ok(text
+        .strip_prefix('\u{feff}')
+        .map(str::to_owned)
+        .unwrap_or(text))
 }
 
 /// Returns the lines of a text that are not comments, numbered from 1.

@@ -61,9 +61,7 @@ pub(super) fn find_model(set: &InputFolder) -> Result<Option<ModelFolder>, Image
                 models.extend(model_extension(&model).map(|extension| (model, extension)));
             }
         }
-        if models.is_empty() {
-            models.extend(model_extension(&path).map(|extension| (path, extension)));
-        }
+        models.extend(model_extension(&path).map(|extension| (path, extension)));
         if models.len() < 2 {
             if let Some((path, extension)) = models.pop() {
                 return Ok(Some(ModelFolder {
@@ -120,7 +118,7 @@ fn count_images(set: &InputFolder, file: &Path, extension: &str) -> u64 {
         return 0;
     }
     if extension == "txt" {
-        let text = std::fs::read_to_string(file).unwrap_or_default();
+        let text = text::read_text(set, file).unwrap_or_default();
         return text::numbered_lines(&text)
             .filter(|(_, line)| is_image_line(line))
             .count() as u64;
@@ -162,14 +160,20 @@ pub(crate) fn open(set: &InputFolder) -> Result<Option<ImageSet>, ImagesError> {
     let pictures = find_image_folder(set, &model.path, &images);
     for image in images {
         let field = format!("image {}", image.name);
-        let camera = cameras.get(&image.camera).ok_or_else(|| {
-            let cause = format!(
-                "refers to camera {}, which is missing in {}",
-                image.camera,
-                cameras_file.display()
-            );
-            ImagesError::field(&images_file, field.clone(), cause)
-        });
+        let camera = match cameras.get(&image.camera) {
+            Some(camera) => camera.as_ref().map_err(|cause| {
+                let camera = format!("camera {}", image.camera);
+                ImagesError::field(&cameras_file, camera, cause)
+            }),
+            None => {
+                let cause = format!(
+                    "refers to camera {}, which is missing in {}",
+                    image.camera,
+                    cameras_file.display()
+                );
+                Err(ImagesError::field(&images_file, field.clone(), cause))
+            }
+        };
         let pose = image.pose;
         let pose = pose.map_err(|cause| ImagesError::field(&images_file, field, cause));
         let usable = camera.and_then(|camera| Ok((camera, pose?)));
@@ -236,22 +240,18 @@ fn find_image_folder(set: &InputFolder, model: &Path, images: &[ColmapImage]) ->
         .unwrap_or_else(|| folder.join("images"))
 }
 
-fn parse_camera(
-    id: u32,
-    model: &str,
-    size: [u64; 2],
-    parameters: &[f64],
-    file: &Path,
-) -> Result<ColmapCamera, ImagesError> {
-    let bad = |cause: String| ImagesError::field(file, format!("camera {id}"), cause);
-    let lens = parse_lens(model, parameters).map_err(bad)?;
+/// Cameras by their number; an unusable one has the cause, as the rest of a sentence.
+type ColmapCameras = BTreeMap<u32, Result<ColmapCamera, String>>;
+
+fn parse_camera(model: &str, size: [u64; 2], parameters: &[f64]) -> Result<ColmapCamera, String> {
+    let lens = parse_lens(model, parameters)?;
     let side = |side: u64| {
         u32::try_from(side)
             .ok()
             .filter(|side| (1..=headbox_core::camera::Camera::MAX_SIDE_PX).contains(side))
     };
     let (Some(width), Some(height)) = (side(size[0]), side(size[1])) else {
-        return Err(bad(format!("is {}x{} pixels", size[0], size[1])));
+        return Err(format!("is {}x{} pixels", size[0], size[1]));
     };
     Ok(ColmapCamera {
         size_px: [width, height],
@@ -270,10 +270,7 @@ fn parse_pose([w, x, y, z]: [f64; 4], translation: [f64; 3]) -> Result<Pose, Str
     )
 }
 
-fn binary_cameras(
-    set: &InputFolder,
-    file: &Path,
-) -> Result<BTreeMap<u32, ColmapCamera>, ImagesError> {
+fn binary_cameras(set: &InputFolder, file: &Path) -> Result<ColmapCameras, ImagesError> {
     let bytes = text::read_bytes(set, file)?;
     let mut bytes = ByteReader { file, rest: &bytes };
     let mut cameras = BTreeMap::new();
@@ -289,7 +286,7 @@ fn binary_cameras(
             )
         })?;
         let parameters: Result<Vec<f64>, _> = (0..count).map(|_| bytes.f64()).collect();
-        cameras.insert(id, parse_camera(id, name, size, &parameters?, file)?);
+        cameras.insert(id, parse_camera(name, size, &parameters?));
     }
     Ok(cameras)
 }
@@ -317,10 +314,7 @@ fn binary_images(set: &InputFolder, file: &Path) -> Result<Vec<ColmapImage>, Ima
     Ok(images)
 }
 
-fn text_cameras(
-    set: &InputFolder,
-    file: &Path,
-) -> Result<BTreeMap<u32, ColmapCamera>, ImagesError> {
+fn text_cameras(set: &InputFolder, file: &Path) -> Result<ColmapCameras, ImagesError> {
     let text = text::read_text(set, file)?;
     let mut cameras = BTreeMap::new();
     for (number, line) in text::numbered_lines(&text).filter(|(_, line)| !line.is_empty()) {
@@ -341,7 +335,7 @@ fn text_cameras(
             .filter(|numbers| numbers.len() >= 2)
             .ok_or_else(bad)?;
         let size = [numbers[0] as u64, numbers[1] as u64];
-        cameras.insert(id, parse_camera(id, model, size, &numbers[2..], file)?);
+        cameras.insert(id, parse_camera(model, size, &numbers[2..]));
     }
     Ok(cameras)
 }

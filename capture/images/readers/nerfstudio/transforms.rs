@@ -8,6 +8,8 @@ use crate::lens::Lens;
 use crate::pose::Pose;
 use crate::readers::json::{self as fields, JsonObject};
 use crate::readers::left_out::LeftOut;
+use crate::readers::paths::find_without_extension;
+use crate::readers::text;
 use crate::rectify::{ImageLens, ViewList};
 use crate::view::{LoadedView, View};
 use crate::{ImageSet, ImagesError, resolve};
@@ -48,6 +50,16 @@ pub(crate) fn open(folder: &InputFolder, file: &Path) -> Result<ImageSet, Images
     }
     let (views, mut notes) = list.finish();
     notes.extend(left_out.finish()?);
+    if file.ends_with("transforms_train.json") {
+        let mut others = ["transforms_val.json", "transforms_test.json"]
+            .map(str::to_owned)
+            .to_vec();
+        others.retain(|other| folder.path().join(other).is_file());
+        notes.extend(text::note_names(
+            "left out images for validation and tests",
+            &others,
+        ));
+    }
     notes.extend(note_unknown_keys(&value).map(ReadNote::from));
     notes.extend(
         depth_keys::note_unknown(&value)
@@ -72,12 +84,7 @@ fn read_view(
         frame: view.clone(),
     };
     let find_owner = |key: &str| keys.owner(&[key]);
-    let color = add_extension(resolve(
-        folder,
-        view.file,
-        &view.field_path("file_path"),
-        view.text("file_path")?,
-    )?);
+    let color = find_color(folder, view)?;
     let width_owner = find_owner("w");
     let height_owner = find_owner("h");
     let size_px = if width_owner.has("w") && height_owner.has("h") {
@@ -219,6 +226,18 @@ fn write_picture(view: &LoadedView, path: &Path) -> Result<(), ImagesError> {
             .map_err(io::Error::other)
     };
     files::write_whole(path, write).map_err(|cause| ImagesError::write(path, cause))
+}
+
+/// Finds the image of a frame, whose path may lack the extension.
+fn find_color(folder: &InputFolder, view: &JsonObject) -> Result<PathBuf, ImagesError> {
+    let written = view.text("file_path")?;
+    let field = view.field_path("file_path");
+    let resolved = resolve(folder, view.file, &field, written).map(add_extension);
+    if resolved.as_ref().is_ok_and(|path| path.is_file()) {
+        return resolved;
+    }
+    let base = view.file.parent().unwrap_or(Path::new(""));
+    find_without_extension(folder, base, written).map_or(resolved, Ok)
 }
 
 /// Adds the extension, which NeRF's synthetic scenes omit (`.png`), to a path without a file.

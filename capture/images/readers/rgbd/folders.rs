@@ -1,11 +1,12 @@
 //! Reader of RGB-D sequences in folders: ScanNet (`color`, `depth`, `pose`, `intrinsic`), TUM
 //! (`rgb.txt`, `depth.txt`, `groundtruth.txt`) and Replica (`results`, `traj.txt`).
 
-use crate::color_images::read_size;
+use crate::color_images::{read_camera_size, read_size};
 use crate::depth::DepthSource;
+use crate::depth_files;
 use crate::lens::{Distortion, Lens, Pinhole};
 use crate::pose::Pose;
-use crate::readers::intrinsics::{create_pinhole, pose_from_rows, read_intrinsics};
+use crate::readers::intrinsics::{create_pinhole, note_principal, pose_from_rows, read_intrinsics};
 use crate::readers::json::{self, JsonObject};
 use crate::readers::left_out::LeftOut;
 use crate::readers::paths::{find_image, resolve};
@@ -16,6 +17,7 @@ use glam::{DMat4, DQuat, DVec3};
 use headbox_core::depth_kind::DepthKind;
 use headbox_core::files::InputFolder;
 use headbox_core::read_note::ReadNote;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 /// Metres per step of depth of ScanNet.
@@ -59,6 +61,8 @@ struct Sequence {
     views: Vec<View>,
     left_out: LeftOut,
     without_depth: Vec<String>,
+    /// Size of the images for which the intrinsics are, pixels, if a file states it.
+    camera_px: Option<[u32; 2]>,
 }
 
 impl Sequence {
@@ -67,10 +71,11 @@ impl Sequence {
             views: Vec::new(),
             left_out: LeftOut::default(),
             without_depth: Vec::new(),
+            camera_px: None,
         }
     }
 
-    /// Adds a frame; `depth` is a file and metres per step.
+    /// Adds a frame; `depth` is a file and metres per step of integers.
     fn add(
         &mut self,
         color: PathBuf,
@@ -79,7 +84,11 @@ impl Sequence {
         lens: Pinhole,
     ) -> Result<(), ImagesError> {
         let name = text::file_name(&color);
-        let frame = pose.and_then(|pose| Ok((pose, read_size(&color)?)));
+        let centre_px = self
+            .camera_px
+            .map(|size| size.map(|side| f64::from(side) / 2.0));
+        let centre_px = centre_px.unwrap_or(lens.principal_px);
+        let frame = pose.and_then(|pose| Ok((pose, read_camera_size(&color, centre_px)?)));
         let Some((pose, size_px)) = self.left_out.keep(&name, frame)? else {
             return Ok(());
         };
@@ -87,9 +96,12 @@ impl Sequence {
         if depth.is_none() {
             self.without_depth.push(name.clone());
         }
-        let depth =
-            depth.map(|(path, unit_m)| DepthSource::metres(path, DepthKind::EyeDepth, unit_m));
-        let lens = Lens::Pinhole(lens);
+        let depth = depth.map(|(path, unit_m)| DepthSource {
+            float_unit_m: 1.0,
+            ..DepthSource::metres(path, DepthKind::EyeDepth, unit_m)
+        });
+        let from_px = self.camera_px.unwrap_or(size_px);
+        let lens = Lens::Pinhole(lens.scaled(from_px, size_px));
         self.views
             .push(View::new(name, size_px, lens, pose, color, depth));
         Ok(())
@@ -103,6 +115,7 @@ impl Sequence {
     ) -> Result<ImageSet, ImagesError> {
         notes.extend(self.left_out.finish()?);
         notes.extend(text::note_names(text::WITHOUT_DEPTH, &self.without_depth));
+        notes.extend(note_principal(&self.views));
         if self.views.is_empty() {
             return Err(ImagesError::field(folder, format, "lists no frame"));
         }
@@ -134,22 +147,15 @@ fn open_scannet(set: &InputFolder, poses: &Path, colors: &Path) -> Result<ImageS
         return Err(ImagesError::field(&expected, "the file", cause));
     };
     let lens = read_intrinsics(set, &file)?;
-    let mut notes = Vec::new();
-    if let Some(depth_file) = find(names[1]) {
-        let depth = read_intrinsics(set, &depth_file)?;
-        let ratios = [0, 1].map(|i| lens.focal_px[i] / depth.focal_px[i]);
-        if (ratios[0] / ratios[1] - 1.0).abs() > 0.02 {
-            notes.push(
-                "the depth camera's proportions differ from the colour camera's: depth is taken \
-                 as registered to colour"
-                    .into(),
-            );
-        }
-    }
     let is_pose = |path: &PathBuf| path.extension().is_some_and(|extension| extension == "txt");
     let mut poses = text::list_folder(poses)?;
     poses.retain(is_pose);
     poses.sort_by_key(|path| number_of(path));
+    let posed: BTreeSet<String> = poses.iter().map(|path| number_of(path).1).collect();
+    let mut unposed = text::list_folder(colors)?;
+    unposed.retain(|image| image.is_file() && !posed.contains(&number_of(image).1));
+    let unposed: Vec<String> = unposed.iter().map(|image| text::file_name(image)).collect();
+    let mut notes = Vec::from_iter(text::note_names("left out without a pose", &unposed));
     let mut sequence = Sequence::new();
     for pose_file in poses {
         let (_, stem) = number_of(&pose_file);
@@ -161,7 +167,30 @@ fn open_scannet(set: &InputFolder, poses: &Path, colors: &Path) -> Result<ImageS
         let color = find_image(colors, &stem);
         sequence.add(color, Some((depth, SCANNET_UNIT_M)), pose, lens)?;
     }
+    if let Some(depth_file) = find(names[1]) {
+        let depth_lens = read_intrinsics(set, &depth_file)?;
+        notes.extend(note_depth_camera(&sequence.views, &depth_lens));
+    }
     sequence.finish(folder, "ScanNet sequence", notes)
+}
+
+/// Returns a note if the depth camera has another field of view than the colour camera.
+fn note_depth_camera(views: &[View], depth_lens: &Pinhole) -> Option<ReadNote> {
+    let (lens, size_px, depth_px) = views.iter().find_map(|view| {
+        let size = depth_files::read_size(&view.depth.as_ref()?.path);
+        Some((view.pinhole()?, view.size_px, size.ok()??))
+    })?;
+    let expected = depth_lens.scaled(depth_px, size_px);
+    let differs = |k: usize| {
+        let focal = (expected.focal_px[k] / lens.focal_px[k] - 1.0).abs();
+        let principal = expected.principal_px[k] - lens.principal_px[k];
+        focal > 0.02 || principal.abs() > 0.05 * f64::from(size_px[k])
+    };
+    (0..2).any(differs).then(|| {
+        "the depth camera (intrinsic_depth.txt) has another field of view than the colour camera: \
+         depth is taken as registered to colour"
+            .into()
+    })
 }
 
 /// Entry of a list of TUM: time, seconds, and the words behind it.
@@ -317,9 +346,17 @@ fn sensor_lens(
     })
 }
 
+/// Reads the number in the name of a file of Replica: `frame000012.jpg`.
+fn frame_number(path: &Path) -> Option<usize> {
+    let stem = path.file_stem()?.to_string_lossy();
+    let digits = stem.trim_start_matches(|c: char| !c.is_ascii_digit());
+    digits.parse().ok()
+}
+
 fn open_replica(set: &InputFolder) -> Result<ImageSet, ImagesError> {
     let folder = set.path();
     let mut notes = Vec::new();
+    let mut sequence = Sequence::new();
     let [mut scale, focal, x, y] = REPLICA;
     let above = folder.parent().map(|parent| parent.join("cam_params.json"));
     let file = [Some(folder.join("cam_params.json")), above]
@@ -334,6 +371,9 @@ fn open_replica(set: &InputFolder) -> Result<ImageSet, ImagesError> {
             return Err(camera.error("scale", "must be above 0: steps of depth per metre"));
         }
         let [fx, fy, cx, cy] = ["fx", "fy", "cx", "cy"].map(|key| camera.number(key));
+        if camera.has("w") && camera.has("h") {
+            sequence.camera_px = Some([camera.side("w")?, camera.side("h")?]);
+        }
         let lens = create_pinhole([fx?, fy?], [cx?, cy?]);
         lens.checked().map_err(|cause| camera.error("fx", cause))?
     } else {
@@ -349,11 +389,17 @@ fn open_replica(set: &InputFolder) -> Result<ImageSet, ImagesError> {
     let trajectory = folder.join("traj.txt");
     let text = text::read_text(set, &trajectory)?;
     let results = text::list_folder(&folder.join("results"))?;
-    let named = |prefix: &str| -> Vec<&PathBuf> {
+    let named = |prefix: &str| -> Vec<(Option<usize>, &PathBuf)> {
         let has_prefix = |path: &&PathBuf| text::file_name(path).starts_with(prefix);
-        results.iter().filter(has_prefix).collect()
+        let mut files: Vec<_> = results.iter().filter(has_prefix).collect();
+        files.sort_by_key(|path| frame_number(path));
+        files
+            .into_iter()
+            .map(|path| (frame_number(path), path))
+            .collect()
     };
-    let (colors, depths) = (named("frame"), named("depth"));
+    let colors = named("frame");
+    let depths: BTreeMap<_, _> = named("depth").into_iter().collect();
     let lines: Vec<(usize, &str)> = text::numbered_lines(&text)
         .filter(|(_, line)| !line.is_empty())
         .collect();
@@ -367,16 +413,21 @@ fn open_replica(set: &InputFolder) -> Result<ImageSet, ImagesError> {
             .into(),
         );
     }
-    let mut sequence = Sequence::new();
-    for (i, (color, (number, line))) in colors.into_iter().zip(lines).enumerate() {
+    let has_all = colors.len() == lines.len();
+    for (i, (number, color)) in colors.into_iter().enumerate() {
+        // Some of the images keep the numbers of their lines.
+        let index = number.filter(|_| !has_all).unwrap_or(i);
+        let Some((line_number, line)) = lines.get(index) else {
+            continue;
+        };
         let words = line.split_whitespace();
         let numbers: Result<Vec<f64>, _> = words.map(str::parse).collect();
         let pose = numbers
             .map_err(|_| "expected 16 numbers".to_owned())
             .and_then(|numbers| pose_from_rows(&numbers))
-            .map_err(|cause| ImagesError::field(&trajectory, format!("line {number}"), cause));
+            .map_err(|cause| ImagesError::field(&trajectory, format!("line {line_number}"), cause));
         let depth = depths
-            .get(i)
+            .get(&number)
             .map(|path| ((*path).clone(), (1.0 / scale) as f32));
         sequence.add(color.clone(), depth, pose, lens)?;
     }

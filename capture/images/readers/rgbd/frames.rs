@@ -5,13 +5,14 @@
 use crate::color_images::read_camera_size;
 use crate::depth::DepthSource;
 use crate::lens::Lens;
-use crate::readers::intrinsics::{create_pinhole, pose_from_rows, read_intrinsics};
+use crate::readers::intrinsics::{create_pinhole, note_principal, pose_from_rows, read_intrinsics};
 use crate::readers::left_out::LeftOut;
 use crate::readers::text;
 use crate::view::View;
 use crate::{ImageSet, ImagesError};
 use headbox_core::depth_kind::DepthKind;
 use headbox_core::files::InputFolder;
+use headbox_core::read_note::ReadNote;
 use std::path::{Path, PathBuf};
 
 /// Camera of 7-Scenes, whose folders have no intrinsics: focal length and principal point, pixel
@@ -21,10 +22,11 @@ const SEVEN_SCENES: [f64; 3] = [585.0, 320.0, 240.0];
 /// Opens the frames in a folder or below it; `None` without poses.
 pub(crate) fn open(set: &InputFolder) -> Result<Option<ImageSet>, ImagesError> {
     let folder = set.path();
-    let Some((frame_folder, poses)) = find_poses(folder, 3)? else {
+    let mut sequences = Vec::new();
+    find_sequences(folder, 3, &mut sequences)?;
+    let Some((frame_folder, poses, mut notes)) = choose_sequence(folder, sequences) else {
         return Ok(None);
     };
-    let mut notes = Vec::new();
     let pinhole = match find_intrinsics(&frame_folder, folder) {
         Some(file) => read_intrinsics(set, &file)?,
         None => {
@@ -60,10 +62,11 @@ pub(crate) fn open(set: &InputFolder) -> Result<Option<ImageSet>, ImagesError> {
             .find(|path| path.is_file());
         let color = color.unwrap_or_else(|| file("color.png"));
         let name = text::file_name(&color);
-        let Some(pose) = left_out.keep(&text::file_name(&pose_file), pose)? else {
+        let frame =
+            pose.and_then(|pose| Ok((pose, read_camera_size(&color, pinhole.principal_px)?)));
+        let Some((pose, size_px)) = left_out.keep(&text::file_name(&pose_file), frame)? else {
             continue;
         };
-        let size_px = read_camera_size(&color, pinhole.principal_px)?;
         let depth = Some(file("depth.png")).filter(|path| path.is_file());
         if depth.is_none() {
             without_depth.push(text::file_name(&color));
@@ -84,6 +87,7 @@ pub(crate) fn open(set: &InputFolder) -> Result<Option<ImageSet>, ImagesError> {
         &without_pose,
     ));
     notes.extend(text::note_names(text::WITHOUT_DEPTH, &without_depth));
+    notes.extend(note_principal(&views));
     Ok(Some(ImageSet {
         notes,
         ..ImageSet::new(folder, "RGB-D frames", views)
@@ -112,21 +116,50 @@ fn find_intrinsics(frame_folder: &Path, folder: &Path) -> Option<PathBuf> {
         .find(|file| file.is_file())
 }
 
-/// Returns the first folder with poses, at most `levels` levels down, and its pose files sorted by
-/// name.
-fn find_poses(folder: &Path, levels: u32) -> Result<Option<(PathBuf, Vec<PathBuf>)>, ImagesError> {
+/// Folder of frames and its pose files, sorted by name.
+type FrameFolder = (PathBuf, Vec<PathBuf>);
+
+/// Finds the folders with poses, at most `levels` levels down.
+fn find_sequences(
+    folder: &Path,
+    levels: u32,
+    found: &mut Vec<FrameFolder>,
+) -> Result<(), ImagesError> {
     let entries = text::list_folder(folder)?;
     let is_pose = |path: &&PathBuf| path.to_string_lossy().ends_with(".pose.txt");
     let poses: Vec<PathBuf> = entries.iter().filter(is_pose).cloned().collect();
     if !poses.is_empty() {
-        return Ok(Some((folder.into(), poses)));
-    }
-    if levels > 0 {
+        found.push((folder.into(), poses));
+    } else if levels > 0 {
         for below in entries.iter().filter(|path| path.is_dir()) {
-            if let Some(poses) = find_poses(below, levels - 1)? {
-                return Ok(Some(poses));
-            }
+            find_sequences(below, levels - 1, found)?;
         }
     }
-    Ok(None)
+    Ok(())
+}
+
+/// Chooses the sequence with most frames, and names the others: each has a world of its own.
+fn choose_sequence(
+    folder: &Path,
+    mut sequences: Vec<FrameFolder>,
+) -> Option<(PathBuf, Vec<PathBuf>, Vec<ReadNote>)> {
+    let most = sequences.iter().map(|(_, poses)| poses.len()).max()?;
+    let chosen = sequences
+        .iter()
+        .position(|(_, poses)| poses.len() == most)?;
+    let (path, poses) = sequences.remove(chosen);
+    let name = |path: &Path, count: usize| {
+        let path = path.strip_prefix(folder).unwrap_or(path);
+        format!("{} with {count} frames", path.display())
+    };
+    let others = sequences
+        .iter()
+        .map(|(path, poses)| name(path, poses.len()));
+    let others: Vec<String> = others.collect();
+    let note = (!others.is_empty()).then(|| {
+        let read = name(&path, most);
+        let sentence = format!("read the sequence {read}; open the others by themselves");
+        ReadNote::with_names(&sentence, &others, 1)
+    });
+    Some((path, poses, note.into_iter().collect()))
 }

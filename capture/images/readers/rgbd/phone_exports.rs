@@ -2,7 +2,7 @@
 //! Record3D (`metadata.json`) and the `cameras.json` of 3D Gaussian Splatting.
 
 use super::folders::pose_from_words;
-use crate::color_images::read_size;
+use crate::color_images::read_camera_size;
 use crate::depth::DepthSource;
 use crate::lens::{Distortion, Lens, Pinhole};
 use crate::pose::Pose;
@@ -159,20 +159,15 @@ fn polycam_camera(
     };
     let rows = DMat4::from_cols(row(0)?, row(1)?, row(2)?, DVec4::W);
     let pose = Pose::from_opengl(rows.transpose()).map_err(|cause| camera.error("t_00", cause))?;
-    let size_px = read_size(color)?;
-    let lens = scaled(create_pinhole([fx?, fy?], [cx?, cy?]), written, size_px);
+    let size_px = read_written_size(color, written)?;
+    let lens = create_pinhole([fx?, fy?], [cx?, cy?]).scaled(written, size_px);
     let lens = lens.checked().map_err(|cause| camera.error("fx", cause))?;
     Ok((size_px, Lens::Pinhole(lens), pose))
 }
 
-/// Scales intrinsics from one size of an image to another.
-fn scaled(lens: Pinhole, from: [u32; 2], to: [u32; 2]) -> Pinhole {
-    let factor = [0, 1].map(|axis| f64::from(to[axis]) / f64::from(from[axis]));
-    Pinhole {
-        focal_px: [0, 1].map(|axis| lens.focal_px[axis] * factor[axis]),
-        principal_px: [0, 1].map(|axis| lens.principal_px[axis] * factor[axis]),
-        ..lens
-    }
+/// Reads the size of the image that a camera of the size `written` took, upright if the camera is.
+fn read_written_size(color: &Path, written: [u32; 2]) -> Result<[u32; 2], ImagesError> {
+    read_camera_size(color, written.map(|side| f64::from(side) / 2.0))
 }
 
 /// Reads the numbers of a list.
@@ -213,8 +208,8 @@ fn open_record3d(set: &InputFolder, metadata: &Path) -> Result<ImageSet, ImagesE
             let own = numbers(&value["perFrameIntrinsicCoeffs"][i]);
             let own = own.and_then(|own| own.get(..4)?.try_into().ok());
             let [fx, fy, cx, cy]: [f64; 4] = own.unwrap_or(shared);
-            let size_px = read_size(&color)?;
-            let lens = scaled(create_pinhole([fx, fy], [cx, cy]), written, size_px);
+            let size_px = read_written_size(&color, written)?;
+            let lens = create_pinhole([fx, fy], [cx, cy]).scaled(written, size_px);
             let lens = lens.checked().map_err(|cause| bad(cause.into()))?;
             Ok((size_px, Lens::Pinhole(lens), pose))
         };
@@ -262,10 +257,10 @@ fn open_splat_cameras(set: &InputFolder, file: &Path) -> Result<ImageSet, Images
                 camera.error("img_name", format!("is {name}: not found in images"))
             })?;
             let written = [camera.side("width")?, camera.side("height")?];
-            let size_px = read_size(&color)?;
+            let size_px = read_written_size(&color, written)?;
             let focal_px = [camera.number("fx")?, camera.number("fy")?];
             let centre = written.map(|side| f64::from(side) / 2.0);
-            let lens = scaled(create_pinhole(focal_px, centre), written, size_px);
+            let lens = create_pinhole(focal_px, centre).scaled(written, size_px);
             let lens = lens.checked().map_err(|cause| camera.error("fx", cause))?;
             let rows = camera.value["rotation"].as_array();
             let rows = rows.and_then(|rows| rows.iter().map(numbers).collect::<Option<Vec<_>>>());

@@ -21,7 +21,7 @@ use headbox_core::image::codec;
 use headbox_core::image::orientation::{self, Orientation};
 use headbox_core::read_note::ReadNote;
 use headbox_cube::model::parameters::CaptureParameters;
-use headbox_images::depth::DepthPicture;
+use headbox_images::{DepthPicture, ImagesError};
 use headbox_lab::sprite_range::SpriteRange;
 use headbox_ldi::scene_source::SceneSource;
 use headbox_sprite::{
@@ -295,8 +295,7 @@ impl SpriteCommand {
         let turn = orientation::read(color_path);
         color.apply_orientation(turn);
         let color = color.to_rgba8();
-        let [unit, float_unit] = self.import.units(depth_path, kind);
-        let depth = DepthPicture::read(depth_path, unit, float_unit)?;
+        let depth = self.import.read_depth(depth_path, kind)?;
         let size = color.dimensions();
         let (depth, notes) = fit_depth(depth, turn, [color_path, depth_path], size, kind)?;
         let notes: Vec<ReadNote> = damage
@@ -397,19 +396,18 @@ impl SpriteQualityArgs {
 }
 
 impl ImportArgs {
-    /// Metres per stored integer of depth, and per floating-point number.
-    fn units(&self, path: &Path, kind: DepthKind) -> [f32; 2] {
-        let default = match kind {
-            // The maximum of an integer depth is 1, for any number of bits.
-            DepthKind::WindowDepth | DepthKind::ReversedWindowDepth => {
-                match codec::bits_per_channel(path) {
-                    Ok(8) => 1.0 / 255.0,
-                    _ => 1.0 / 65_535.0,
-                }
+    /// Reads depth: integers are millimetres, or fractions of the largest of their type for window
+    /// depth, unless a unit is given.
+    fn read_depth(&self, path: &Path, kind: DepthKind) -> Result<DepthPicture, ImagesError> {
+        match (self.depth_unit, kind) {
+            (Some(unit), _) => DepthPicture::read(path, unit as f32, unit as f32),
+            (None, DepthKind::WindowDepth | DepthKind::ReversedWindowDepth) => {
+                DepthPicture::read_fractions(path, 1.0)
             }
-            DepthKind::EyeDepth | DepthKind::RayDistance => 1e-3,
-        };
-        [default, 1.0].map(|default| self.depth_unit.unwrap_or(default) as f32)
+            (None, DepthKind::EyeDepth | DepthKind::RayDistance) => {
+                DepthPicture::read(path, 1e-3, 1.0)
+            }
+        }
     }
 
     fn window_range(&self, kind: DepthKind) -> anyhow::Result<(f64, f64)> {
