@@ -11,8 +11,17 @@ use rayon::prelude::*;
 use std::cmp::Reverse;
 
 /// Largest distance of triangles in one plane, relative to the distance of their corners from the
-/// middle of the scene: a few steps of `f32`.
+/// middle of the scene: a few steps of `f32`. Rounding in the file may allow more ([`rounding`]).
 const DISTANCE_SHARE: f64 = 1.0 / 2_097_152.0;
+/// The same relative to the longest edge of a triangle, for coordinates that were rounded to some
+/// decimals: corners of 0.1 mm on a wall of 20 m are off by 4e-6 of it.
+const EDGE_SHARE: f64 = 1.0 / 131_072.0;
+/// Largest distance that the length of an edge allows, m: a poster 1 mm before its wall is apart.
+const EDGE_LIMIT_M: f64 = 1.0 / 4096.0;
+/// Step of `f32` relative to a coordinate.
+const FLOAT_STEP: f64 = 1.0 / 8_388_608.0;
+/// Largest distance that rounding to `f32` allows, relative to the longest edge.
+const FLOAT_LIMIT_SHARE: f64 = 1.0 / 1024.0;
 /// Side of the cells of slopes in the search for equal planes.
 const SLOPE_CELL: f64 = 1.0 / 256.0;
 /// Side of the cells of offsets, relative to the size of the scene.
@@ -286,8 +295,8 @@ struct PlanarTriangle {
     /// Material, and true if the normal points along the axis.
     class: (u32, bool),
     corners: [DVec3; 3],
-    /// The largest absolute coordinate of the corners.
-    extent: f64,
+    /// Distance within which other triangles lie in its plane.
+    tolerance: f64,
     /// The unit normal, and twice the area.
     normal: (DVec3, f64),
     projected: [DVec2; 3],
@@ -303,7 +312,7 @@ impl PlanarTriangle {
         if self.low.cmpge(other.high).any() || other.low.cmpge(self.high).any() {
             return false;
         }
-        let tolerance = self.extent.max(other.extent) * DISTANCE_SHARE;
+        let tolerance = self.tolerance.max(other.tolerance);
         // Separating axes: the perpendiculars of all edges.
         let is_separated = |a: &Self, b: &Self| {
             a.sides.iter().any(|&(axis, [a0, a1])| {
@@ -323,6 +332,20 @@ impl PlanarTriangle {
         let distance = |corner: DVec3| (corner - larger.corners[0]).dot(larger.normal.0).abs();
         smaller.corners.iter().all(|&it| distance(it) <= tolerance)
     }
+}
+
+/// Returns the distance by which rounding of the coordinates in the file may move the corners of a
+/// triangle off its plane. Corners that `f32` represents were rounded to it; those of other files
+/// to some decimals, whose number is unknown.
+fn rounding([a, b, c]: [DVec3; 3], unit_normal: DVec3) -> f64 {
+    let longest = a.distance(b).max(b.distance(c)).max(c.distance(a));
+    let by_decimals = (longest * EDGE_SHARE).min(EDGE_LIMIT_M);
+    if [a, b, c].iter().any(|p| p.as_vec3().as_dvec3() != *p) {
+        return by_decimals;
+    }
+    let extent = a.abs().max(b.abs()).max(c.abs());
+    let by_floats = extent.dot(unit_normal.abs()) * FLOAT_STEP;
+    by_decimals.max(by_floats.min(longest * FLOAT_LIMIT_SHARE))
 }
 
 fn range_along(axis: DVec2, corners: [DVec2; 3]) -> [f64; 2] {
@@ -390,12 +413,14 @@ impl Planes<'_> {
             (axis, range_along(axis, projected))
         });
         let [a, b, c] = corners.map(|corner| corner.abs().max_element());
+        let unit_normal = normal.normalize_or_zero();
         PlanarTriangle {
             primitive,
             class: (material, normal[axis] > 0.0),
             corners,
-            extent: a.max(b).max(c),
-            normal: (normal.normalize_or_zero(), normal.length()),
+            tolerance: rounding(self.scene.corners(primitive), unit_normal)
+                .max(a.max(b).max(c) * DISTANCE_SHARE),
+            normal: (unit_normal, normal.length()),
             projected,
             sides,
             low: p.min(q).min(r),

@@ -5,6 +5,7 @@ use crate::homes::{home, home_xml, load};
 use glam::DVec3;
 use headbox_model::PortalModel;
 use headbox_model::load::LoadedModel;
+use headbox_scene::material::Material;
 use headbox_trace::bvh::{Ray, Tracer};
 use std::fs;
 use std::io::Write;
@@ -219,6 +220,74 @@ fn arc_walls_are_curved() {
 }
 
 #[test]
+fn window_in_arc_wall_cuts_all_its_pieces() {
+    let arc = "<wall xStart='0' yStart='300' xEnd='400' yEnd='300' height='250' thickness='10' \
+               arcExtent='1.5707963'/>";
+    let window = "<doorOrWindow x='200' y='217.2' width='120' depth='30' height='100' \
+                  elevation='100'/>";
+    let model = plan("wallHeight='250'", &(arc.to_owned() + window)).model;
+    for x in [1.45, 1.7, 2.0, 2.3, 2.55] {
+        assert_eq!(
+            distance(&model, [x, 1.5, 4.5], [0.0, 0.0, -1.0]),
+            None,
+            "{x}"
+        );
+    }
+    for x in [1.3, 2.7] {
+        assert!(
+            distance(&model, [x, 1.5, 4.5], [0.0, 0.0, -1.0]).is_some(),
+            "{x}"
+        );
+    }
+}
+
+#[test]
+fn upper_walls_reach_through_their_floor() {
+    let levels = "<level id='a' elevation='0' floorThickness='12' height='250'/>\
+                  <level id='b' elevation='262' floorThickness='12' height='250'/>";
+    let content = [levels, &walls("level='a'"), &walls("level='b'")].concat();
+    let model = plan("wallHeight='250'", &content).model;
+    assert!(distance(&model, [2.0, 2.56, -3.0], [0.0, 0.0, 1.0]).is_some());
+    assert_eq!(distance(&model, [2.0, -0.06, -3.0], [0.0, 0.0, 1.0]), None);
+}
+
+#[test]
+fn flat_ceiling_stays_below_higher_walls() {
+    let content = room("ceilingFlat='true'") + &walls("height='300'");
+    let model = plan("wallHeight='250'", &content).model;
+    let up = distance(&model, [2.0, 1.0, 1.5], [0.0, 1.0, 0.0]);
+    assert!(up.is_some_and(|t| (t - 1.5).abs() < 1e-5), "{up:?}");
+}
+
+#[test]
+fn collinear_walls_and_tops_keep_their_colours() {
+    let wall = |id: &str, other: &str, x: i32, color: &str| {
+        format!(
+            "<wall id='{id}' {other} xStart='{x}' yStart='0' xEnd='{}' yEnd='0' thickness='30' \
+             leftSideColor='{color}' rightSideColor='{color}' topColor='FF0000FF'/>",
+            x + 200
+        )
+    };
+    let red = wall("a", "wallAtEnd='b'", 0, "FFFF0000");
+    let content = red + &wall("b", "wallAtStart='a'", 200, "FF00FF00");
+    let scene = plan("wallHeight='250'", &content).model.scene;
+    for (color, from, to) in [([1.0, 0.0, 0.0], 0.0, 2.0), ([0.0, 1.0, 0.0], 2.0, 4.0)] {
+        let is_it = |t: &u32| {
+            let material = scene.triangles[*t as usize].material;
+            scene.materials[material as usize].albedo == color
+        };
+        let triangles = (0..scene.triangles.len() as u32).filter(is_it);
+        let corners = triangles.flat_map(|t| scene.corners(t));
+        let [low, high] = corners.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], p| {
+            [low.min(p.x), high.max(p.x)]
+        });
+        assert_eq!([low, high], [from, to], "{color:?}");
+    }
+    let blue = |m: &Material| m.albedo == [0.0, 0.0, 1.0];
+    assert!(scene.materials.iter().any(blue));
+}
+
+#[test]
 fn hidden_storeys_are_left_out() {
     let levels = "<level id='a' elevation='0' height='250' visible='false'/>\
                   <level id='b' elevation='262' height='250' viewable='false'/>";
@@ -331,6 +400,46 @@ fn pictures_and_materials_in_an_archive_are_used() {
     );
 }
 
+/// Models are read as other OBJ files are: with comments, several material files and names in other
+/// case.
+#[test]
+fn model_with_comments_and_libraries_is_used() {
+    let piece =
+        "<pieceOfFurniture x='200' y='100' width='40' depth='40' height='80' model='1/a.obj'/>";
+    let xml = format!("<home>{}{}{piece}</home>", room(""), walls(""));
+    let obj = "mtllib b.mtl A.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 1 # corner\nusemtl seat # red\nf 1 2 3 # face\n";
+    let LoadedModel { model, .. } = archive(&[
+        ("Home.xml", xml.as_bytes()),
+        ("1/a.obj", obj.as_bytes()),
+        ("1/a.mtl", b"newmtl seat # soft\nKd 0.25 0.5 0.75\n"),
+        ("1/b.mtl", b"newmtl other\nKd 0 0 0\n"),
+    ]);
+    let materials = &model.scene.materials;
+    assert!(materials.iter().any(|m| m.albedo == [0.25, 0.5, 0.75]));
+}
+
+#[test]
+fn furniture_without_a_readable_model_is_named() {
+    let piece =
+        "<pieceOfFurniture x='200' y='100' width='40' depth='40' height='80' model='1/a.obj'/>";
+    let content = room("") + &walls("") + piece;
+    let xml = format!("<home>{content}</home>");
+    let damaged = archive(&[("Home.xml", xml.as_bytes()), ("1/a.obj", b"f 1 2 3\n")]);
+    for (loaded, cause) in [
+        (
+            damaged,
+            "the archive has no OBJ for them that can be read: 1/a.obj",
+        ),
+        (
+            plan("", &content),
+            "their models are read from an archive (.sh3d) only: 1/a.obj",
+        ),
+    ] {
+        let notes = loaded.model.scene.summary.notes;
+        assert!(notes.iter().any(|note| note.ends_with(cause)), "{notes:?}");
+    }
+}
+
 /// A board of 1 m by 2 m by 10 cm with a pitch or roll of a right angle lies flat on the floor.
 #[test]
 fn pitch_and_roll_tilt_furniture() {
@@ -364,7 +473,11 @@ fn what_a_plan_cannot_build_is_reported() {
         "<pieceOfFurniture {size} y='150' staircaseCutOutShape='M0,0 v1 h1 v-1 z'/>\
          <doorOrWindow {size} y='0' cutOutShape='M0,0 v1 h1 v-1 z'/>\
          <doorOrWindow {size} y='300' cutOutShape='M0.5,0 L1,1 L0,1 z'>\
-         <transformation name='sweethome3d_opening_on_hinge_1' matrix='1'/></doorOrWindow>"
+         <transformation name='sweethome3d_opening_on_hinge_1' matrix='1'/></doorOrWindow>\
+         <pieceOfFurniture {size} y='200' staircaseCutOutShape='false'/>\
+         <light {size} y='250'><lightSource x='0.5' y='0.5' z='0.5'/></light>\
+         <polyline elevation='5'/><polyline/><label elevation='100' pitch='1.5'/>\
+         <compass northDirection='1.5'/><wall><baseboard thickness='1' height='20'/></wall>"
     );
     let content = format!(
         "{levels}{}{}{pieces}",
@@ -376,6 +489,11 @@ fn what_a_plan_cannot_build_is_reported() {
         "1 staircase whose opening in floors and ceilings is not cut",
         "1 door or window with a hole of another shape or size, cut as the whole rectangle",
         "1 piece of furniture with moved parts, shown in the pose of the model",
+        "1 baseboard left out",
+        "1 polyline in 3D left out",
+        "1 label in 3D left out",
+        "1 lamp whose light is left out",
+        "1 compass whose north is ignored: suns are placed as if it were upward in the plan",
         "1 room below the topmost storey with sloping walls, built with a level ceiling",
     ] {
         assert!(

@@ -121,6 +121,16 @@ fn morph_targets_use_file_weights() {
         3.0,
         "the node's weights come first"
     );
+    let colors =
+        mesh(r#","weights":[0.5]"#, up).replace(r#""targets":[{"#, r#""targets":[{"COLOR_0":0,"#);
+    let colors = load(NODE, &colors);
+    assert_eq!(top(&colors), 5.0);
+    assert_eq!(
+        colors.summary.notes,
+        [
+            "changes of colours and texture coordinates by morph targets left out; those of positions are used"
+        ]
+    );
     let damaged = load(of_node, &mesh("", 99));
     assert_eq!(
         damaged.summary.notes,
@@ -152,12 +162,32 @@ fn instances_use_their_transforms() {
         scene.positions
     );
     assert_eq!(scene.summary.notes, Vec::<String>::new());
+    let numbered = load(r#""_ID":7"#);
+    assert_eq!(numbered.triangles.len(), 2);
+    assert_eq!(numbered.summary.notes, Vec::<String>::new());
     let damaged = load(&format!(r#""TRANSLATION":{places},"SCALE":{short}"#));
     assert_eq!(
         damaged.summary.notes,
         ["1 damaged mesh part or attribute left out"]
     );
     assert_eq!(damaged.triangles.len(), 2);
+}
+
+#[test]
+fn sparse_instances_without_view_are_read() {
+    let mut asset = square();
+    let places = asset.view(&[1, 2, 0, 0]);
+    let moved = [[10.0, 0.0, 0.0_f32], [0.0, 0.0, 30.0]];
+    let moved = moved.as_flattened().iter().flat_map(|x| x.to_le_bytes());
+    let values = asset.view(&moved.collect::<Vec<u8>>());
+    asset.accessors.push(format!(
+        r#"{{"componentType":5126,"type":"VEC3","count":3,"sparse":{{"count":2,
+        "indices":{{"bufferView":{places},"componentType":5121}},"values":{{"bufferView":{values}}}}}}}"#
+    ));
+    let node = r#""nodes":[{"mesh":0,"extensions":{"EXT_mesh_gpu_instancing":{"attributes":{"TRANSLATION":3}}}}]"#;
+    let scene = load_text(asset.gltf(&format!("{node},{SQUARE}"))).expect("clean");
+    assert_eq!(scene.triangles.len(), 6);
+    assert!(has(&scene, dvec3(11.0, 1.0, 0.0)) && has(&scene, dvec3(1.0, 1.0, 30.0)));
 }
 
 #[test]
@@ -176,8 +206,9 @@ fn albedo(material: &str, textures: &str) -> [f32; 3] {
     let folder = Folder::new();
     folder.write_image("red.png", &[[255, 0, 0, 255]]);
     folder.write_image("blue.png", &[[0, 0, 255, 255]]);
+    folder.write("cut.webp", "RIFF");
     let rest = format!(
-        r#"{NODE},{SQUARE},"materials":[{material}],"textures":[{textures}],"images":[{{"uri":"red.png"}},{{"uri":"blue.png"}}]"#
+        r#"{NODE},{SQUARE},"materials":[{material}],"textures":[{textures}],"images":[{{"uri":"red.png"}},{{"uri":"blue.png"}},{{"uri":"cut.webp"}}]"#
     );
     folder.write("a.gltf", square().gltf(&rest));
     folder
@@ -229,6 +260,11 @@ fn texture_image_comes_from_extension() {
     };
     assert_eq!(webp(1, ""), [0.0, 0.0, 1.0]);
     assert_eq!(webp(1, r#","source":0"#), [0.0, 0.0, 1.0]);
+    assert_eq!(
+        webp(2, r#","source":0"#),
+        [1.0, 0.0, 0.0],
+        "a damaged image"
+    );
     assert_eq!(
         webp(99, r#","source":0"#),
         [1.0, 0.0, 0.0],
@@ -312,7 +348,7 @@ fn extensions_that_change_nothing_may_be_required() {
 }
 
 #[test]
-fn whole_colours_above_one_are_divided_by_their_range() {
+fn only_integer_colours_are_divided_by_their_range() {
     let load = |component: u32, more: &str, bytes: &[u8]| {
         let mut asset = square();
         let colors = asset.accessor(bytes, component, "VEC4", 4, more);
@@ -328,22 +364,42 @@ fn whole_colours_above_one_are_divided_by_their_range() {
     };
     let divided = "1 mesh part with vertex colours of 0 to 255 or 65535 that are not normalized, divided by that";
     let bytes = [[204, 51, 0, 255_u8]; 4].concat();
-    for scene in [
-        load(5121, "", &bytes),
-        load(5126, "", &floats([204.0, 51.0, 0.0, 255.0])),
-    ] {
+    let shorts = [52_428, 13_107, 0, 65_535_u16].map(u16::to_le_bytes);
+    let shorts = [shorts.as_flattened(); 4].concat();
+    for scene in [load(5121, "", &bytes), load(5123, "", &shorts)] {
         assert_eq!(scene.colors[0], Vec3::new(0.8, 0.2, 0.0));
         assert_eq!(scene.summary.notes, [divided]);
     }
     let normalized = load(5121, r#","normalized":true"#, &bytes);
     assert_eq!(normalized.colors[0], Vec3::new(0.8, 0.2, 0.0));
     assert_eq!(normalized.summary.notes, Vec::<String>::new());
-    let bright = load(5126, "", &floats([1.5, 0.5, 0.25, 1.0]));
-    assert_eq!(bright.colors[0], Vec3::new(1.0, 0.5, 0.25));
-    assert_eq!(
-        bright.summary.notes,
-        ["4 vertices with a colour above 1, which is reduced to 1"]
-    );
+    for (bright, limited) in [
+        ([1.5, 0.5, 0.25, 1.0], Vec3::new(1.0, 0.5, 0.25)),
+        ([2.0, 0.0, 0.0, 1.0], Vec3::X),
+    ] {
+        let bright = load(5126, "", &floats(bright));
+        assert_eq!(bright.colors[0], limited);
+        assert_eq!(
+            bright.summary.notes,
+            ["4 vertices with a colour above 1, which is reduced to 1"]
+        );
+    }
+}
+
+#[test]
+fn opacity_of_integer_colours_counts_in_their_range() {
+    for corner in [[255, 0, 0, 51_u8], [0, 0, 0, 51]] {
+        let mut asset = square();
+        let colors = asset.accessor(&[corner; 4].concat(), 5121, "VEC4", 4, "");
+        let mesh = SQUARE.replace("\"TEXCOORD_0\":1", &format!("\"COLOR_0\":{colors}"));
+        let materials = r#""materials":[{"alphaMode":"BLEND"}]"#;
+        let error = load_text(asset.gltf(&format!("{NODE},{mesh},{materials}")));
+        let error = error.expect_err("clear");
+        assert!(
+            error.contains("2 triangles with an opacity below one half"),
+            "{error}"
+        );
+    }
 }
 
 #[test]
@@ -403,4 +459,61 @@ fn splats_next_to_a_mesh_are_left_out_and_noted() {
     let required = r#""extensionsRequired":["KHR_gaussian_splatting"]"#;
     let scene = load_text(square().gltf(&format!("{NODE},{both},{required}"))).expect("loads");
     assert_eq!(scene.summary.notes.len(), 1);
+}
+
+#[test]
+fn unread_lights_in_use_are_noted() {
+    for light in [
+        "EXT_lights_image_based",
+        "KHR_environment_map",
+        "EXT_lights_area",
+    ] {
+        let used = format!(r#"{NODE},{SQUARE},"extensionsUsed":["{light}","KHR_lights_punctual"]"#);
+        let scene = load_text(square().gltf(&used)).expect("clean");
+        let expected = format!("1 unsupported extension ignored: {light} (its light is left out)");
+        assert_eq!(scene.summary.notes, [expected]);
+    }
+}
+
+#[test]
+fn odd_json_is_read_like_clean() {
+    let deep = format!("{}{}", "[".repeat(500), "]".repeat(500));
+    let node = |member: &str| format!(r#""nodes":[{{"mesh":0,{member}}}],{SQUARE}"#);
+    let clean = format!("{NODE},{SQUARE}");
+    for rest in [
+        node(r#""extras":"text""#),
+        node(r#""extras":[1,{"a":null}]"#),
+        node(&format!(r#""extras":{{"a":{deep}}}"#)),
+        node(r#""extensions":null,"children":null"#),
+        format!(r#"{clean},"scene":0.0,"scenes":[{{"nodes":[0]}},{{"name":"empty"}}]"#),
+        format!(r#"{clean},"animations":[{{"samplers":[]}}]"#),
+        format!(
+            r#"{clean},"animations":[{{"samplers":[{{"input":0,"output":0}}],
+            "channels":[{{"sampler":0,"target":{{"path":"translation"}}}}]}}]"#
+        ),
+    ] {
+        let text = format!("{}\0\0", square().gltf(&rest));
+        let scene = load_text(text).expect(&rest);
+        assert_eq!(scene.triangles.len(), 2, "{rest}");
+        assert_eq!(scene.summary.notes, [""; 0], "{rest}");
+    }
+}
+
+#[test]
+fn unknown_chunks_of_glb_are_ignored() {
+    let mut glb = square().glb(&format!("{NODE},{SQUARE}"));
+    let end = 20 + u32::from_le_bytes([glb[12], glb[13], glb[14], glb[15]]) as usize;
+    glb.splice(end..end, *b"\x04\0\0\0ABCDdata");
+    let length = glb.len() as u32;
+    glb[8..12].copy_from_slice(&length.to_le_bytes());
+    let folder = Folder::new();
+    folder.write("a.glb", &glb);
+    assert_eq!(folder.load("a.glb").expect("clean").triangles.len(), 2);
+}
+
+#[test]
+fn first_version_is_named() {
+    let text = square().gltf(&format!("{NODE},{SQUARE}"));
+    let error = load_text(text.replace("2.0", "1.0")).expect_err("another format");
+    assert!(error.contains("glTF of version 1.0"), "{error}");
 }

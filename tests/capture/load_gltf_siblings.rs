@@ -63,12 +63,16 @@ fn bytes(digits: &str) -> Vec<u8> {
 
 #[test]
 fn draco_attributes_follow_their_ids() {
-    for (compressed, error) in [(DRACO_SEQUENTIAL, 1e-6), (DRACO_EDGE_BREAKER, 1e-3)] {
+    for (compressed, error, indices) in [
+        (DRACO_SEQUENTIAL, 1e-6, r#""indices":3,"#),
+        (DRACO_EDGE_BREAKER, 1e-3, r#""indices":3,"#),
+        (DRACO_EDGE_BREAKER, 1e-3, ""),
+    ] {
         let mut asset = Asset::default();
         let view = asset.view(&bytes(compressed));
         let rest = format!(
             r#"{NODE},"materials":[{{"alphaMode":"MASK"}}],"meshes":[{{"primitives":[{{
-            "attributes":{{"POSITION":0,"TEXCOORD_0":1,"COLOR_0":2}},"indices":3,"material":0,
+            "attributes":{{"POSITION":0,"TEXCOORD_0":1,"COLOR_0":2}},{indices}"material":0,
             "extensions":{{"KHR_draco_mesh_compression":{{"bufferView":{view},
             "attributes":{{"COLOR_0":2,"TEXCOORD_0":1,"POSITION":0}}}}}}}}]}}]"#
         );
@@ -397,5 +401,44 @@ fn coplanar_surfaces_are_found_turned_and_apart() {
     // They touch at an edge, or lie side by side.
     for (x, turn) in [(1.0, flat), (1.2, flat), (2.0, back), (1.4, tilted)] {
         assert_eq!(notes(x, turn), [""; 0], "{x} {turn}");
+    }
+}
+
+#[test]
+fn baked_oblique_plane_far_from_origin_is_one() {
+    let x_axis = DVec3::new(0.9, 0.1, 0.4).normalize();
+    let y_axis = DVec3::new(-0.2, 0.9, 0.3).reject_from(x_axis).normalize();
+    let normal = x_axis.cross(y_axis);
+    let notes = |middle: DVec3, distance: f64| {
+        let mut asset = Asset::default();
+        for (half, off) in [(1.3, 0.0), (0.7, distance)] {
+            let corner = |[x, y]: [f64; 2]| {
+                let place = middle + half * (x * x_axis + y * y_axis) + off * normal;
+                place.as_vec3().to_array()
+            };
+            asset.floats(&[[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]].map(corner));
+        }
+        asset.indices(&[0, 1, 2, 0, 2, 3]);
+        let rest = format!(
+            r#"{NODE},"materials":[{{}},{{}}],"meshes":[{{"primitives":[
+            {{"attributes":{{"POSITION":0}},"indices":2,"material":0}},
+            {{"attributes":{{"POSITION":1}},"indices":2,"material":1}}]}}]"#
+        );
+        load_text(asset.gltf(&rest)).expect("clean").summary.notes
+    };
+    for scale in [0.0, 1.0, 10.0, 100.0] {
+        let middle = scale * DVec3::new(10.0, 5.0, -3.0);
+        let found = notes(middle, 0.0);
+        assert!(
+            found
+                .iter()
+                .any(|note| note.starts_with("4 triangles in one plane")),
+            "{middle}: {found:?}"
+        );
+        assert_eq!(
+            notes(middle, 1e-3),
+            [""; 0],
+            "{middle}: a poster 1 mm before its wall"
+        );
     }
 }

@@ -350,6 +350,22 @@ fn non_home_is_refused() {
             None => assert_eq!(found, None),
         }
     }
+    let away = obj.replace("v -", "v ").replace("v ", "v 5000");
+    for (files, cause) in [
+        (
+            vec![("Home.xml", text.as_str()), ("b.sh3d", ""), ("b.obj", &obj)],
+            "it has the name of another home",
+        ),
+        (
+            vec![("Home.xml", &text), ("villa.obj", &away)],
+            "it lies away from the plan",
+        ),
+    ] {
+        let notes = load(&folder(&files), "Home.xml").model.scene.summary.notes;
+        assert!(notes.iter().any(|note| note.ends_with(cause)), "{notes:?}");
+        let is_built = notes.iter().any(|n| n.starts_with("no OBJ export"));
+        assert!(is_built, "{notes:?}");
+    }
     assert!(error_of(&two, "a.obj").contains("unknown home format"));
     assert!(error_of(&two, "none.xml").contains("No such file"));
 }

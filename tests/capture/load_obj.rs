@@ -404,6 +404,28 @@ fn comments_behind_names_are_left_out() {
 }
 
 #[test]
+fn first_of_several_libraries_counts() {
+    let folder = Folder::new();
+    folder.write("a.obj", format!("mtllib a.mtl b.mtl\nusemtl m\n{TRIANGLE}"));
+    folder.write("a.mtl", "newmtl m\nKd 0 1 0\nnewmtl m\nKd 1 0 0\n");
+    folder.write("b.mtl", "newmtl m\nKd 0 0 1\n");
+    let scene = folder.load("a.obj").expect("loaded");
+    assert_eq!(scene.materials[0].albedo, [1.0, 0.0, 0.0]);
+}
+
+#[test]
+fn decomposed_names_are_found() {
+    let folder = Folder::new();
+    folder.write(
+        "a.obj",
+        format!("mtllib T\u{fc}r.mtl\nusemtl gru\u{308}n\n{TRIANGLE}"),
+    );
+    folder.write("Tu\u{308}r.mtl", "newmtl gr\u{fc}n\nKd 0 1 0\n");
+    let scene = folder.load("a.obj").expect("loaded");
+    assert_eq!(scene.materials[0].albedo, [0.0, 1.0, 0.0]);
+}
+
+#[test]
 fn missing_material_files_and_materials_are_grey() {
     let text = format!("mtllib no such.mtl\nusemtl\nusemtl wood\n{TRIANGLE}");
     let scene = obj(&text).expect("survives");
@@ -642,6 +664,18 @@ fn cutouts_from_map_d_and_alpha() {
         cut("map_d g.png", &[("g.png", grey)]),
         Some(10.0 / 255.0),
         "luminance of a separate image"
+    );
+    for same in [
+        "map_Kd g.png\nmap_d g.png",
+        "map_Kd g.png\nmap_opacity g.png",
+    ] {
+        assert_eq!(cut(same, &[("g.png", grey)]), Some(10.0 / 255.0), "{same}");
+    }
+    let colour: &[[u8; 4]] = &[[255; 4], [10, 10, 11, 255]];
+    assert_eq!(
+        cut("map_Kd a.png\nmap_d a.png", &[("a.png", colour)]),
+        None,
+        "a colour image without alpha"
     );
     assert_eq!(cut("map_d missing.png", &[]), None);
 }

@@ -2,8 +2,9 @@
 
 use glam::{DVec2, DVec3};
 use headbox_core::memory::{self, Reservation};
-use headbox_scene::load::encoding::decode_text;
-use headbox_scene::load::lines::{keyword, lines};
+use headbox_scene::load::encoding::{decode_text, fold_name};
+use headbox_scene::load::lines::{keyword, lines, words};
+use headbox_scene::load::material_names::MaterialNames;
 use headbox_scene::load::mtl::{self, Map, MtlMaterial};
 use headbox_scene::load::notes::Notes;
 use std::collections::HashMap;
@@ -36,15 +37,34 @@ impl<'a> Archive<'a> {
         }
     }
 
-    /// Reads a file by its name; `None` if it is missing or damaged, or has more bytes than the
-    /// archive declares.
+    /// Returns true if there is an archive, not a plan alone.
+    pub(super) fn is_present(&self) -> bool {
+        self.files.is_some()
+    }
+
+    /// Reads a file by its name, else by [another spelling](Self::stored_name); `None` if it is
+    /// missing or damaged, or has more bytes than the archive declares.
     pub(super) fn file(&mut self, name: &str) -> Option<Vec<u8>> {
         self.file_and_memory(name, 1).map(|(bytes, _)| bytes)
     }
 
+    /// Returns the name of a file in the archive: `name`, or one that differs in case or Unicode
+    /// normalization.
+    fn stored_name(&self, name: &str) -> Option<String> {
+        let files = self.files.as_ref()?;
+        if files.index_for_name(name).is_some() {
+            return Some(name.to_owned());
+        }
+        let wanted = fold_name(name);
+        let mut stored = files.file_names().filter_map(Result::ok);
+        let found = stored.find(|it| fold_name(it) == wanted)?;
+        Some(found.into_owned())
+    }
+
     /// Reads a file and reserves memory for each of its bytes.
     fn file_and_memory(&mut self, name: &str, per_byte: u64) -> Option<(Vec<u8>, Reservation)> {
-        let entry = self.files.as_mut()?.by_name(name).ok()?;
+        let stored = self.stored_name(name)?;
+        let entry = self.files.as_mut()?.by_name(&stored).ok()?;
         let size = entry.size();
         if size > MAX_FILE_BYTES {
             return None;
@@ -92,18 +112,20 @@ impl<'a> Archive<'a> {
         };
         // Defects of materials only change colours.
         let mut notes = Notes::default();
-        for library in &model.libraries {
-            if let Some(bytes) = self.file(&in_archive(library)) {
-                let text = decode_text(&bytes, library, &mut notes);
-                mtl::parse(
-                    &text,
-                    library,
-                    PathBuf::new(),
-                    &mut model.materials,
-                    &mut notes,
-                );
+        for written in &model.libraries {
+            let names: Vec<&str> = match self.stored_name(&in_archive(written)) {
+                Some(_) => vec![written],
+                None => words(written).collect(),
+            };
+            for library in names {
+                if let Some(bytes) = self.file(&in_archive(library)) {
+                    let text = decode_text(&bytes, library, &mut notes);
+                    let materials = &mut model.materials;
+                    mtl::add_library(&text, library, PathBuf::new(), materials, &mut notes);
+                }
             }
         }
+        model.names = MaterialNames::new(&model.materials);
         let rename = |map: &mut Map| map.file = in_archive(&map.file);
         for material in &mut model.materials {
             [
@@ -135,6 +157,8 @@ pub(super) struct Model {
     pub(super) texcoords: Vec<DVec2>,
     pub(super) parts: Vec<FaceGroup>,
     pub(super) materials: Vec<MtlMaterial>,
+    /// Indices of the materials by their names.
+    pub(super) names: MaterialNames,
     /// Material files.
     libraries: Vec<String>,
 }
@@ -147,14 +171,14 @@ impl Model {
             texcoords: Vec::new(),
             parts: Vec::new(),
             materials: Vec::new(),
+            names: MaterialNames::new(&[]),
             libraries: Vec::new(),
         };
         let (mut group, mut material) = (String::new(), String::new());
         for (_, line) in lines(text) {
             let (word, rest) = keyword(&line);
-            let mut numbers = rest
-                .split_whitespace()
-                .map(|word| word.parse().ok().filter(|v: &f64| v.is_finite()));
+            let mut numbers =
+                words(rest).map(|word| word.parse().ok().filter(|v: &f64| v.is_finite()));
             let mut next = || numbers.next().flatten();
             match word {
                 "v" => model.positions.push(DVec3::new(next()?, next()?, next()?)),
@@ -165,8 +189,7 @@ impl Model {
                 "usemtl" => material = rest.to_owned(),
                 "mtllib" => model.libraries.push(rest.to_owned()),
                 "f" => {
-                    let polygon: Vec<Corner> = rest
-                        .split_whitespace()
+                    let polygon: Vec<Corner> = words(rest)
                         .map(|word| model.corner(word))
                         .collect::<Option<_>>()?;
                     if polygon.len() < 3 {
@@ -221,7 +244,7 @@ mod tests {
     #[test]
     fn model_read_by_group_and_material() {
         let model = Model::parse(
-            "v 0 0 0\nv 1 0 0\nv 1 1 0\nvt 0 1\ng a b\nusemtl red\nf 1/1/5 2//7 3\nusemtl blue\nf -3/-1 -2/9 -1\n",
+            "v 0 0 0\nv 1 0 0\nv 1 1 0\nvt 0 1\ng a b\nusemtl red\nf 1/1/5 2//7 3 # 9\nusemtl blue\nf -3/-1 -2/9 -1\n",
         );
         let model = model.expect("two faces");
         let parts: Vec<_> = model

@@ -26,12 +26,13 @@ const MAX_STEPS: f64 = 300.0;
 const MIN_ENCLOSED: f64 = 0.8;
 
 impl Home {
-    /// Raises the ceilings of the topmost storey to its walls, which may be higher than the storey
-    /// and slope under a roof. Each corner gets the height of the highest wall that ends there, or
-    /// else of the nearest high wall. Low walls count if a wall slopes: under a roof they are not
-    /// parapets.
+    /// Raises the ceilings of the topmost storey, except flat ones, to its walls, which may be
+    /// higher than the storey and slope under a roof. Each corner gets the height of the highest
+    /// wall that ends there, or else of the nearest high wall. Low walls count if a wall slopes:
+    /// under a roof they are not parapets.
     pub(super) fn raise_ceilings(&mut self) {
-        for room in self.rooms.iter_mut().filter(|room| room.is_topmost) {
+        let is_raised = |room: &&mut Room| room.is_topmost && !room.ceiling_is_flat;
+        for room in self.rooms.iter_mut().filter(is_raised) {
             let walls = || self.walls.iter().filter(|wall| wall.is_on_storey_of(room));
             let ends: Vec<(DVec2, f64)> = walls().flat_map(upper_ends).collect();
             let high = room.floor + MIN_HEIGHT_SHARE * (room.ceiling() - room.floor);

@@ -1,12 +1,18 @@
 //! Search for the OBJ export of a home.
 
+use glam::DVec2;
 use headbox_core::files::InputFolder;
 use headbox_scene::load::{extension_of, file_stem, folder_of, read};
 use std::path::{Path, PathBuf};
 
 /// Finds the OBJ export of a plan: with its name, `home.obj`, or the only OBJ in its folder with
-/// the groups of a home.
-pub(super) fn find_export(plan: &Path, notes: &mut Vec<String>) -> Result<Option<PathBuf>, String> {
+/// the groups of a home. One with the name of another home, or away from the plan, is not its
+/// export; `bounds` are those of the plan, centimetres.
+pub(super) fn find_export(
+    plan: &Path,
+    bounds: Option<[DVec2; 2]>,
+    notes: &mut Vec<String>,
+) -> Result<Option<PathBuf>, String> {
     let folder = if folder_of(plan) == Path::new("") {
         Path::new(".")
     } else {
@@ -16,6 +22,13 @@ pub(super) fn find_export(plan: &Path, notes: &mut Vec<String>) -> Result<Option
         std::fs::read_dir(folder).map_err(|cause| format!("its folder cannot be read: {cause}"))?;
     let mut all: Vec<PathBuf> = entries
         .filter_map(|entry| entry.ok().map(|entry| entry.path()))
+        .collect();
+    let stem = |path: &Path| file_stem(path).to_lowercase();
+    let other_homes: Vec<String> = all
+        .iter()
+        .filter(|path| extension_of(path) == "sh3d")
+        .map(|path| stem(path))
+        .filter(|name| *name != stem(plan))
         .collect();
     all.retain(|path| extension_of(path) == "obj");
     all.sort();
@@ -27,11 +40,24 @@ pub(super) fn find_export(plan: &Path, notes: &mut Vec<String>) -> Result<Option
             false
         }
     });
-    let stem = |path: &Path| file_stem(path).to_lowercase();
     let file_name = |path: &Path| {
         let name = path.file_name().unwrap_or_default();
         name.to_string_lossy().into_owned()
     };
+    all.retain(|path| {
+        let cause = if other_homes.contains(&stem(path)) {
+            "it has the name of another home"
+        } else if is_export(path) && bounds.is_some_and(|it| is_away(path, it)) {
+            "it lies away from the plan"
+        } else {
+            return true;
+        };
+        let name = file_name(path);
+        notes.push(format!(
+            "{name} is not used as the export of the home: {cause}"
+        ));
+        false
+    });
     let names = [stem(plan), "home".to_owned()];
     let named = names
         .iter()
@@ -68,6 +94,29 @@ pub(super) fn find_export(plan: &Path, notes: &mut Vec<String>) -> Result<Option
             several.len()
         )),
     }
+}
+
+/// Returns true if no part of an OBJ is above or below the bounds of a plan.
+fn is_away(path: &Path, [low, high]: [DVec2; 2]) -> bool {
+    let bytes = read(path).unwrap_or_default();
+    let position = |line: &[u8]| {
+        let line = std::str::from_utf8(line.trim_ascii()).ok()?;
+        let mut numbers = line.strip_prefix("v ")?.split_whitespace();
+        let mut next = || numbers.next()?.parse::<f64>().ok();
+        let (x, _, z) = (next()?, next()?, next()?);
+        Some(DVec2::new(x, z))
+    };
+    let positions = bytes
+        .split(|&byte| byte == b'\n' || byte == b'\r')
+        .filter_map(position);
+    bounds_of(positions).is_some_and(|[from, to]| from.cmpgt(high).any() || to.cmplt(low).any())
+}
+
+/// Returns the bounding box of points; `None` if there is none.
+pub(super) fn bounds_of(points: impl Iterator<Item = DVec2>) -> Option<[DVec2; 2]> {
+    points
+        .map(|p| [p, p])
+        .reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])])
 }
 
 /// Returns true if an OBJ has a group of a room or a wall, as exports of Sweet Home 3D have. A file

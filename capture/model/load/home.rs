@@ -13,6 +13,8 @@ use std::f64::consts::{PI, TAU};
 struct Level {
     elevation: f64,
     height: f64,
+    /// Thickness of the floor below it, zero for the lowest storey.
+    floor_thickness: f64,
     is_topmost: bool,
 }
 
@@ -31,6 +33,8 @@ pub(super) struct Room {
     pub(super) ceiling_is_new: bool,
     /// True if there is no storey above its own.
     pub(super) is_topmost: bool,
+    /// True if its ceiling stays level below walls of other heights.
+    pub(super) ceiling_is_flat: bool,
     pub(super) has_floor: bool,
     pub(super) floor_finish: Finish,
     pub(super) ceiling_finish: Finish,
@@ -59,13 +63,20 @@ pub(super) struct Wall {
     pub(super) start: DVec2,
     pub(super) end: DVec2,
     pub(super) thickness: f64,
+    /// Height of the floor that it stands on.
     pub(super) bottom: f64,
+    /// Height of its lower edge: a wall of an upper storey reaches through the floor.
+    pub(super) lower_edge: f64,
     /// Heights above its bottom, at its start and end.
     pub(super) heights: [f64; 2],
     /// Finishes of its left and right side, seen from start to end in a plan with y downward.
     pub(super) finishes: [Finish; 2],
-    /// Extension beyond its start and end, into joined walls.
-    pub(super) extension: [f64; 2],
+    /// Finish of its upper face, if it has its own.
+    pub(super) top_finish: Option<Finish>,
+    /// Extension beyond its start and end, into joined walls; `None` for a free end.
+    pub(super) extension: [Option<f64>; 2],
+    /// True for a piece of an arc wall.
+    pub(super) is_arc: bool,
 }
 
 /// Furniture, a lamp, a door or a window, as a model.
@@ -150,6 +161,16 @@ pub(super) struct Unsupported {
     pub(super) shaped_openings: usize,
     /// Pieces of furniture with moved parts, such as an open door.
     pub(super) moved_parts: usize,
+    /// Baseboards of walls.
+    pub(super) baseboards: usize,
+    /// Polylines in 3D.
+    pub(super) polylines: usize,
+    /// Labels in 3D.
+    pub(super) labels: usize,
+    /// Lamps with light sources.
+    pub(super) lights: usize,
+    /// Compasses whose north is not upward in plan.
+    pub(super) compasses: usize,
 }
 
 /// Maximum thickness of a wall, centimetres.
@@ -180,6 +201,7 @@ impl Home {
         let ground = Level {
             elevation: 0.0,
             height: wall_height,
+            floor_thickness: 0.0,
             is_topmost: true,
         };
         let elevation = |node: Node| number(node, "elevation").unwrap_or(0.0);
@@ -187,12 +209,18 @@ impl Home {
             .filter(is_viewable)
             .map(elevation)
             .fold(f64::NEG_INFINITY, f64::max);
+        let lowest = elements(root, "level")
+            .map(elevation)
+            .fold(f64::INFINITY, f64::min);
         let levels: HashMap<&str, Level> = elements(root, "level")
             .filter_map(|node| {
                 let elevation = elevation(node);
                 let level = Level {
                     elevation,
                     height: number(node, "height").unwrap_or(wall_height),
+                    floor_thickness: number(node, "floorThickness")
+                        .filter(|_| elevation > lowest)
+                        .map_or(0.0, |thickness| thickness.max(0.0)),
                     is_topmost: elevation >= topmost,
                 };
                 Some((node.attribute("id")?, level))
@@ -238,12 +266,25 @@ impl Home {
                 None => home.unreadable += 1,
             }
         }
+        let count = |name, attribute: &str| {
+            let is_it = |node: &Node| number(*node, attribute).is_some();
+            elements(name).filter(is_it).count()
+        };
+        home.unsupported = Unsupported {
+            baseboards: elements("baseboard").count(),
+            polylines: count("polyline", "elevation"),
+            labels: count("label", "pitch"),
+            compasses: elements("compass")
+                .filter(|node| number(*node, "northDirection").is_some_and(|angle| angle != 0.0))
+                .count(),
+            ..Unsupported::default()
+        };
         // A hidden door is not cut out of its wall.
         let is_shown = |node: &Node| node.attribute("visible") != Some("false");
         for kind in ["doorOrWindow", "pieceOfFurniture", "light", "shelfUnit"] {
             for node in elements(kind).filter(is_shown) {
                 let level = level_of(node);
-                home.unsupported.add(node, kind == "doorOrWindow");
+                home.unsupported.add_piece(node, kind == "doorOrWindow");
                 let opening = (kind == "doorOrWindow").then(|| opening(node, level));
                 match (piece(node, level, opening.is_some()), opening) {
                     (_, Some(None)) | (None, _) => home.unreadable += 1,
@@ -265,12 +306,13 @@ fn is_viewable(level: &Node) -> bool {
 }
 
 impl Unsupported {
-    fn add(&mut self, node: Node, is_opening: bool) {
-        let has = |attribute| {
-            node.attribute(attribute)
-                .is_some_and(|text| !text.is_empty())
-        };
-        self.staircases += usize::from(has("staircaseCutOutShape"));
+    /// Counts the properties of a piece of furniture, a lamp, a door or a window.
+    fn add_piece(&mut self, node: Node, is_opening: bool) {
+        let cuts_floor = node
+            .attribute("staircaseCutOutShape")
+            .is_some_and(|shape| !matches!(shape, "" | "false"));
+        self.staircases += usize::from(cuts_floor);
+        self.lights += usize::from(elements(node, "lightSource").next().is_some());
         self.moved_parts += usize::from(elements(node, "transformation").next().is_some());
         let is_whole = |(attribute, whole): (&str, f64)| {
             number(node, attribute).is_none_or(|value| (value - whole).abs() < SHAPE_ROUNDING)
@@ -343,6 +385,7 @@ fn room(node: Node, level: Level) -> Option<Room> {
         covered: node.attribute("ceilingVisible") != Some("false"),
         ceiling_is_new: false,
         is_topmost: level.is_topmost,
+        ceiling_is_flat: node.attribute("ceilingFlat") == Some("true"),
         has_floor: node.attribute("floorVisible") != Some("false"),
         floor_finish: finish(node, "floorColor", Some("floorTexture")),
         ceiling_finish: finish(node, "ceilingColor", Some("ceilingTexture")),
@@ -352,17 +395,14 @@ fn room(node: Node, level: Level) -> Option<Room> {
 fn wall(node: Node, level: Level, wall_height: f64, by_id: &HashMap<&str, Node>) -> Option<Wall> {
     let thickness = number(node, "thickness").filter(|&thickness| thickness > 0.0)?;
     let height = number(node, "height").unwrap_or(wall_height);
-    let into = |joined: &str| {
-        let other = node.attribute(joined).and_then(|id| by_id.get(id));
-        other
-            .and_then(|other| number(*other, "thickness"))
-            .map_or(0.0, |thickness| thickness / 2.0)
-    };
+    let into = |joined: &str| extension(node, *by_id.get(node.attribute(joined)?)?, wall_height);
+    let top_finish = finish(node, "topColor", None);
     Some(Wall {
         start: DVec2::new(number(node, "xStart")?, number(node, "yStart")?),
         end: DVec2::new(number(node, "xEnd")?, number(node, "yEnd")?),
         thickness,
         bottom: level.elevation,
+        lower_edge: level.elevation - level.floor_thickness,
         heights: [height, number(node, "heightAtEnd").unwrap_or(height)],
         finishes: ["left", "right"].map(|side| {
             finish(
@@ -371,8 +411,51 @@ fn wall(node: Node, level: Level, wall_height: f64, by_id: &HashMap<&str, Node>)
                 Some(&format!("{side}SideTexture")),
             )
         }),
+        top_finish: Some(top_finish).filter(Finish::is_specified),
         extension: ["wallAtStart", "wallAtEnd"].map(into),
+        is_arc: false,
     })
+}
+
+/// Returns the extension of a wall into one that it is joined to: half its thickness, or, if the
+/// other continues it, as far as their outer faces meet. `None` if the end of the wall remains
+/// visible there.
+fn extension(node: Node, joined: Node, wall_height: f64) -> Option<f64> {
+    let other = number(joined, "thickness")?;
+    let Some(sine) = continuation(node, joined) else {
+        return Some(other / 2.0);
+    };
+    let heights = |wall: Node| {
+        let height = number(wall, "height").unwrap_or(wall_height);
+        [height, number(wall, "heightAtEnd").unwrap_or(height)]
+    };
+    let [low, high] = heights(joined);
+    let is_covered = heights(node).iter().all(|&height| height <= low.min(high));
+    let thickness = number(node, "thickness")?;
+    // The tangent of half a small angle is half its sine.
+    (is_covered && thickness <= other).then_some(thickness / 2.0 * sine / 2.0)
+}
+
+/// Returns the sine of the angle between two straight walls if one nearly continues the other from
+/// a common end.
+fn continuation(wall: Node, other: Node) -> Option<f64> {
+    const MAX_SINE: f64 = 0.1;
+    let ends = |wall: Node| {
+        let point = |[x, y]: [&str; 2]| Some(DVec2::new(number(wall, x)?, number(wall, y)?));
+        let is_straight = number(wall, "arcExtent").is_none_or(|extent| extent == 0.0);
+        let ends = [point(["xStart", "yStart"])?, point(["xEnd", "yEnd"])?];
+        is_straight.then_some(ends)
+    };
+    let [[a, b], [c, d]] = [ends(wall)?, ends(other)?];
+    // From the far end of each wall to the common one and on.
+    let distance = |[_, p, q, _]: &[DVec2; 4]| p.distance(*q);
+    let [far, near, next, last] = [[a, b, c, d], [a, b, d, c], [b, a, c, d], [b, a, d, c]]
+        .into_iter()
+        .min_by(|p, q| distance(p).total_cmp(&distance(q)))?;
+    let along = (near - far).try_normalize()?;
+    let onward = (last - next).try_normalize()?;
+    let sine = along.perp_dot(onward).abs();
+    (sine < MAX_SINE && along.dot(onward) > 0.0).then_some(sine)
 }
 
 impl Wall {
@@ -399,13 +482,18 @@ impl Wall {
                 end: at(to),
                 heights: [height(from), height(to)],
                 extension: [
-                    if i == 0 { self.extension[0] } else { joint },
+                    if i == 0 {
+                        self.extension[0]
+                    } else {
+                        Some(joint)
+                    },
                     if i + 1 == count {
                         self.extension[1]
                     } else {
-                        joint
+                        Some(joint)
                     },
                 ],
+                is_arc: true,
                 ..self.clone()
             }
         };

@@ -11,6 +11,7 @@ use super::finish::{Finish, Repeated};
 use super::home::{FurniturePiece, Home, Opening, Room, Wall};
 use crate::polygon::area_normal;
 use glam::{Affine2, DMat3, DVec2, DVec3};
+use headbox_scene::load::lines::without_comment;
 use headbox_scene::load::mtl::{Map, MtlMaterial};
 use headbox_scene::load::obj::EmbeddedImages;
 use std::collections::HashSet;
@@ -44,6 +45,9 @@ const NEUTRAL: [f32; 3] = [0.7; 3];
 /// Sine of the greatest angle between a wall and an opening that belongs to it.
 const MAX_SINE: f64 = 0.1;
 
+/// Sine of the greatest angle between a piece of an arc wall and an opening that cuts it.
+const MAX_ARC_SINE: f64 = 0.87;
+
 /// Greatest distance of an opening's middle from the faces of its wall, centimetres.
 const NEAR_WALL: f64 = 5.0;
 
@@ -55,8 +59,8 @@ pub(super) struct PlainHome<'a> {
     pub(super) materials: Vec<MtlMaterial>,
     /// Images of its materials by the names of their maps.
     pub(super) pictures: EmbeddedImages,
-    /// Number of pieces of furniture replaced by boxes.
-    pub(super) boxes: usize,
+    /// Models of the pieces of furniture replaced by boxes, empty for a piece without one.
+    pub(super) boxes: Vec<String>,
     pub(super) archive: Archive<'a>,
     vertices: usize,
     texcoords: usize,
@@ -71,7 +75,7 @@ impl<'a> PlainHome<'a> {
             text: String::new(),
             materials: Vec::new(),
             pictures: EmbeddedImages::new(),
-            boxes: 0,
+            boxes: Vec::new(),
             archive: Archive::new(archive),
             vertices: 0,
             texcoords: 0,
@@ -220,7 +224,8 @@ impl<'a> PlainHome<'a> {
         };
         let length = wall.start.distance(wall.end);
         let half = wall.thickness / 2.0;
-        let [from, to] = [-wall.extension[0], length + wall.extension[1]];
+        let [before, after] = wall.extension.map(Option::unwrap_or_default);
+        let [from, to] = [-before, length + after];
         let left = DVec2::new(along.y, -along.x);
         let top = |s: f64| {
             wall.bottom + wall.heights[0] + (wall.heights[1] - wall.heights[0]) * (s / length)
@@ -261,7 +266,7 @@ impl<'a> PlainHome<'a> {
                 .iter()
                 .filter(|[span, _]| span[0] <= a && b <= span[1])
                 .map(|[_, heights]| *heights);
-            let solid = solid_parts([wall.bottom, f64::INFINITY], here);
+            let solid = solid_parts([wall.lower_edge, f64::INFINITY], here);
             let across = |y: f64| {
                 [
                     at(a, half, y),
@@ -270,9 +275,9 @@ impl<'a> PlainHome<'a> {
                     at(a, -half, y),
                 ]
             };
-            if solid.first().is_none_or(|[low, _]| *low > wall.bottom) {
+            if solid.first().is_none_or(|[low, _]| *low > wall.lower_edge) {
                 // The floor of a doorway, which belongs to no room.
-                self.polygon(&plain, &across(wall.bottom), DVec3::Y, origin);
+                self.polygon(&plain, &across(wall.lower_edge), DVec3::Y, origin);
             }
             for [low, high] in solid {
                 if low >= top(a).max(top(b)) {
@@ -289,8 +294,10 @@ impl<'a> PlainHome<'a> {
                         along_side(p, sign)
                     });
                 }
-                self.polygon(&plain, &across(high), DVec3::Y, origin);
-                if low > wall.bottom {
+                let top_finish = wall.top_finish.as_ref().filter(|_| high == f64::INFINITY);
+                let upper = top_finish.unwrap_or(&plain);
+                self.polygon(upper, &across(high), DVec3::Y, origin);
+                if low > wall.lower_edge {
                     self.polygon(&plain, &across(low), DVec3::NEG_Y, origin);
                 }
             }
@@ -317,8 +324,8 @@ impl<'a> PlainHome<'a> {
             (from, wall.extension[0], -1.0),
             (to, wall.extension[1], 1.0),
         ] {
-            if extension == 0.0 {
-                end_face(s, [wall.bottom, f64::INFINITY], sign);
+            if extension.is_none() {
+                end_face(s, [wall.lower_edge, f64::INFINITY], sign);
             }
         }
     }
@@ -346,7 +353,7 @@ impl<'a> PlainHome<'a> {
         let Some((name, model)) = model else {
             // A door without a model leaves a hole in its wall.
             if !piece.is_opening {
-                self.boxes += 1;
+                self.boxes.push(piece.model.clone().unwrap_or_default());
                 self.group(format_args!("{kind}_{}_box_1", index + 1));
                 self.cuboid(piece, place, turn);
             }
@@ -415,22 +422,19 @@ impl<'a> PlainHome<'a> {
         model: &Model,
         faces: &FaceGroup,
     ) -> Option<Finish> {
+        let written = faces.material.as_str();
+        let bare = without_comment(written).unwrap_or(written);
         let own = piece
             .materials
             .iter()
-            .find(|(name, _)| *name == faces.material)
+            .find(|(name, _)| name == written || name == bare)
             .map(|(_, finish)| finish);
         if let Some(finish) = own.or(Some(&piece.finish).filter(|finish| finish.is_specified())) {
             self.paint_finish(finish);
             return Some(finish.clone());
         }
-        // The later one of two materials with the same name is used, as in exports.
-        if let Some(material) = model
-            .materials
-            .iter()
-            .rev()
-            .find(|material| material.name == faces.material)
-        {
+        if let Some(index) = model.names.find(written) {
+            let material = &model.materials[index];
             self.paint(format!("model_{name}_{}", material.name), || {
                 material.clone()
             });
@@ -438,7 +442,7 @@ impl<'a> PlainHome<'a> {
         }
         let known = KNOWN_COLORS
             .iter()
-            .find(|(name, _)| *name == faces.material)
+            .find(|(name, _)| *name == bare)
             .map(|(_, color)| *color);
         self.paint_color(known.unwrap_or(NEUTRAL));
         None
@@ -478,19 +482,29 @@ impl Wall {
     fn gap(&self, opening: &Opening, along: DVec2, [from, to]: [f64; 2]) -> Option<[[f64; 2]; 2]> {
         let left = DVec2::new(along.y, -along.x);
         let middle = opening.in_wall() - self.start;
-        let s = middle.dot(along);
-        let span = [
-            (s - opening.width / 2.0).max(from),
-            (s + opening.width / 2.0).min(to),
-        ];
+        let slope = opening.along.dot(along).abs();
+        let sine = opening.along.perp_dot(along).abs();
+        // Where the wall crosses the sides of the opening; straight walls are along it.
+        let (s, half) = if self.is_arc && sine < MAX_ARC_SINE {
+            let s = middle.dot(opening.along) / opening.along.dot(along);
+            (s, opening.width / 2.0 / slope)
+        } else {
+            (middle.dot(along), opening.width / 2.0)
+        };
+        let span = [(s - half).max(from), (s + half).min(to)];
         let [low, high] = opening.heights;
         let low = if low <= self.bottom + 0.1 {
             self.bottom
         } else {
             low
         };
-        let is_in_wall = middle.dot(left).abs() <= self.thickness / 2.0 + NEAR_WALL
-            && opening.along.perp_dot(along).abs() < MAX_SINE;
+        let is_in_wall = if self.is_arc {
+            let part = along * ((span[0] + span[1]) / 2.0) - middle;
+            let reach = (self.thickness + opening.wall_thickness) / 2.0 + NEAR_WALL;
+            part.dot(opening.across()).abs() <= reach && sine < MAX_ARC_SINE
+        } else {
+            middle.dot(left).abs() <= self.thickness / 2.0 + NEAR_WALL && sine < MAX_SINE
+        };
         (is_in_wall && span[0] < span[1] && low < high).then_some([span, [low, high]])
     }
 }

@@ -1,7 +1,7 @@
 //! Sweet Home 3D homes: rooms become cells, doors and windows portals.
 
 use super::assign::{Portion, assign_triangles};
-use super::export_file::find_export;
+use super::export_file::{bounds_of, find_export};
 use super::home::{Home, Opening, Room, Unsupported};
 use super::leaves::closing_groups;
 use super::plain::PlainHome;
@@ -72,7 +72,10 @@ pub(super) fn load(path: &Path, options: &ModelOptions) -> Result<LoadedModel, L
              Plan > Modify rooms > Display ceiling)"
         )),
     }
-    let export = find_export(path, &mut notes);
+    let outlines = home.rooms.iter().flat_map(|room| room.outline.iter());
+    let walls = home.walls.iter().flat_map(|wall| [&wall.start, &wall.end]);
+    let bounds = bounds_of(outlines.chain(walls).copied());
+    let export = find_export(path, bounds, &mut notes);
     let has_export = matches!(export, Ok(Some(_)));
     let grouped = match export {
         Ok(Some(obj)) => load_grouped(
@@ -99,6 +102,7 @@ pub(super) fn load(path: &Path, options: &ModelOptions) -> Result<LoadedModel, L
         }
     }
     scene.sky = Some(sky(&home));
+    note_light(&home, &mut notes);
     let mut cells = room_cells(&home, &mut notes);
     let outside = cells.len() as u32;
     cells.push(Cell::new("Outside", Vec::new()));
@@ -164,11 +168,8 @@ fn build_from_plan(
          3D view > Export to OBJ format in Sweet Home 3D and save to the same folder)"
             .into(),
     );
-    if plain.boxes > 0 {
-        notes.push(format!(
-            "{} pieces of furniture shown as boxes because their models are not OBJ",
-            plain.boxes
-        ));
+    if !plain.boxes.is_empty() {
+        notes.push(boxes_note(&plain));
     }
     note_unsupported(home, notes);
     load_obj_text(
@@ -183,18 +184,57 @@ fn build_from_plan(
     )
 }
 
+/// Returns the note on furniture shown as boxes.
+fn boxes_note(plain: &PlainHome) -> String {
+    let cause = if plain.archive.is_present() {
+        "the archive has no OBJ for them that can be read"
+    } else {
+        "their models are read from an archive (.sh3d) only"
+    };
+    let names: BTreeSet<&str> = plain.boxes.iter().map(String::as_str).collect();
+    let names: Vec<&str> = names.into_iter().filter(|name| !name.is_empty()).collect();
+    let sentence = format!(
+        "{} pieces of furniture shown as boxes because {cause}",
+        plain.boxes.len()
+    );
+    ReadNote::with_names(&sentence, &names, 5).to_string()
+}
+
+/// Adds the note that a number of things is not built, if there are any.
+fn report(count: usize, one: &str, many: &str, what: &str, notes: &mut Vec<String>) {
+    if count > 0 {
+        let noun = if count == 1 { one } else { many };
+        notes.push(format!("{count} {noun} {what}"));
+    }
+}
+
+/// Reports what of a home's light neither a plan nor an export has.
+fn note_light(home: &Home, notes: &mut Vec<String>) {
+    let Unsupported {
+        lights, compasses, ..
+    } = home.unsupported;
+    report(lights, "lamp", "lamps", "whose light is left out", notes);
+    report(
+        compasses,
+        "compass",
+        "compasses",
+        "whose north is ignored: suns are placed as if it were upward in the plan",
+        notes,
+    );
+}
+
 /// Reports what of a plan is not built.
 fn note_unsupported(home: &Home, notes: &mut Vec<String>) {
-    let mut report = |count: usize, one: &str, many: &str, what: &str| {
-        if count > 0 {
-            let noun = if count == 1 { one } else { many };
-            notes.push(format!("{count} {noun} {what}"));
-        }
-    };
+    let mut report = |count, one, many, what| report(count, one, many, what, notes);
     let Unsupported {
         staircases,
         shaped_openings,
         moved_parts,
+        baseboards,
+        polylines,
+        labels,
+        lights: _,
+        compasses: _,
     } = home.unsupported;
     report(
         staircases,
@@ -214,6 +254,9 @@ fn note_unsupported(home: &Home, notes: &mut Vec<String>) {
         "pieces of furniture",
         "with moved parts, shown in the pose of the model",
     );
+    report(baseboards, "baseboard", "baseboards", "left out");
+    report(polylines, "polyline", "polylines", "in 3D left out");
+    report(labels, "label", "labels", "in 3D left out");
     report(
         home.rooms_under_slopes(),
         "room",

@@ -11,6 +11,7 @@ use encoding_rs::{
 use std::borrow::Cow;
 use std::collections::BTreeSet;
 use std::ffi::OsStr;
+use unicode_normalization::UnicodeNormalization;
 
 /// Encodings in which a name may have been written and, wrongly, been read.
 const OF_NAMES: [&Encoding; 7] = [
@@ -111,20 +112,33 @@ pub(super) fn respellings(name: &str) -> BTreeSet<String> {
     if name.is_ascii() {
         return BTreeSet::new();
     }
+    // No encoding but UTF-8 has the marks of decomposed letters.
+    let name = compose(name);
     let encoded = OF_NAMES.iter().filter_map(|encoding| {
-        let (bytes, _, unmappable) = encoding.encode(name);
+        let (bytes, _, unmappable) = encoding.encode(&name);
         (!unmappable).then_some(bytes)
     });
     encoded.flat_map(|bytes| spellings(&bytes)).collect()
 }
 
-/// Returns the spellings of a file name of the file system in lower case: one if it is UTF-8.
+/// Composes the letters of a name (Unicode NFC): macOS stores `ü` as `u` and a combining mark.
+pub fn compose(name: &str) -> String {
+    name.nfc().collect()
+}
+
+/// Returns the [composed](compose) name in lower case; equal for file names that differ in case or
+/// Unicode normalization alone.
+pub fn fold_name(name: &str) -> String {
+    name.nfc().flat_map(char::to_lowercase).nfc().collect()
+}
+
+/// Returns the [folded](fold_name) spellings of a file name of the file system: one if it is UTF-8.
 pub(super) fn spellings_of_file(name: &OsStr) -> BTreeSet<String> {
     match name.to_str() {
-        Some(name) => BTreeSet::from([name.to_lowercase()]),
+        Some(name) => BTreeSet::from([fold_name(name)]),
         None => spellings(name.as_encoded_bytes())
             .iter()
-            .map(|name| name.to_lowercase())
+            .map(|name| fold_name(name))
             .collect(),
     }
 }

@@ -12,18 +12,27 @@ pub fn lines(text: &str) -> impl Iterator<Item = (usize, Cow<'_, str>)> {
     std::iter::from_fn(move || {
         let (index, part) = parts.next()?;
         let part = part.trim();
-        if !part.ends_with('\\') || part.starts_with('#') {
+        if !is_continued(part) {
             return Some((index + 1, Cow::from(part)));
         }
         let mut line = part.to_owned();
-        while line.ends_with('\\') {
+        let mut continues = true;
+        while continues {
             let Some((_, next)) = parts.next() else { break };
+            let next = next.trim();
             line.pop();
             line.push(' ');
-            line.push_str(next.trim());
+            line.push_str(next);
+            continues = is_continued(next);
         }
         Some((index + 1, line.into()))
     })
+}
+
+/// Returns true if a part of a line ends in a backslash that is not in a comment.
+fn is_continued(part: &str) -> bool {
+    let is_comment = |(at, _)| part[..at].is_empty() || part[..at].ends_with(char::is_whitespace);
+    part.ends_with('\\') && !part.match_indices('#').any(is_comment)
 }
 
 /// Splits a line into its first word and the rest, both trimmed.
@@ -33,7 +42,7 @@ pub fn keyword(line: &str) -> (&str, &str) {
 }
 
 /// Returns the words of a line before a comment.
-pub(super) fn words(rest: &str) -> impl Iterator<Item = &str> {
+pub fn words(rest: &str) -> impl Iterator<Item = &str> {
     rest.split_whitespace()
         .take_while(|word| !word.starts_with('#'))
 }
@@ -56,7 +65,7 @@ pub(super) fn has_decimal_comma(line: &str) -> bool {
 
 /// Returns a name without the comment behind it; `None` if there is none. A number sign before a
 /// digit belongs to the name, as in `Material #25`.
-pub(super) fn without_comment(name: &str) -> Option<&str> {
+pub fn without_comment(name: &str) -> Option<&str> {
     let is_comment = |&(at, _): &(usize, &str)| {
         name[..at].ends_with(char::is_whitespace)
             && !name[at + 1..].starts_with(|c: char| c.is_ascii_digit())
@@ -84,6 +93,13 @@ mod tests {
         assert_eq!(
             collect("# C:\\models\\\nv 1"),
             [(1, "# C:\\models\\".to_owned()), (2, "v 1".to_owned())]
+        );
+        assert_eq!(
+            collect("v 1 2 3 # C:\\scans\\\nv 1"),
+            [
+                (1, "v 1 2 3 # C:\\scans\\".to_owned()),
+                (2, "v 1".to_owned())
+            ]
         );
         assert_eq!(keyword("usemtl\ta b #1 "), ("usemtl", "a b #1"));
         assert!(has_decimal_comma("v 0 -1,5e3") && !has_decimal_comma("v a,b 1 # 0,5"));

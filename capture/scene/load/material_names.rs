@@ -6,7 +6,7 @@ use super::mtl::MtlMaterial;
 use std::collections::HashMap;
 
 /// Indices of materials by their names; the later one of two with the same name counts.
-pub(super) struct MaterialNames {
+pub struct MaterialNames {
     /// By the names as the file has them.
     exact: HashMap<String, usize>,
     /// By the names without a comment, and as they are in other encodings.
@@ -14,7 +14,8 @@ pub(super) struct MaterialNames {
 }
 
 impl MaterialNames {
-    pub(super) fn new(materials: &[MtlMaterial]) -> Self {
+    /// Indexes materials by their names.
+    pub fn new(materials: &[MtlMaterial]) -> Self {
         let (mut exact, mut similar) = (HashMap::new(), HashMap::new());
         for (index, material) in materials.iter().enumerate() {
             exact.insert(material.name.clone(), index);
@@ -26,14 +27,16 @@ impl MaterialNames {
     }
 
     /// Returns the index of the material that a `usemtl` names: exactly, else without a comment
-    /// behind either name, else in another encoding, because an OBJ and its MTL may differ in it.
-    pub(super) fn find(&self, name: &str) -> Option<usize> {
+    /// behind either name, else composed or in another encoding, because an OBJ and its MTL may
+    /// differ in it, else before a number sign.
+    pub fn find(&self, name: &str) -> Option<usize> {
         if let Some(index) = self.exact.get(name) {
             return Some(*index);
         }
         std::iter::once(name.to_owned())
             .chain(spellings(name))
             .find_map(|name| self.exact.get(&name).or(self.similar.get(&name)))
+            .or_else(|| self.exact.get(name.split_once('#')?.0.trim_end()))
             .copied()
     }
 }
@@ -59,7 +62,18 @@ mod tests {
             name: name.into(),
             ..MtlMaterial::default()
         };
-        let materials = ["r # red", "木", "Material #25", "a # b", "a # c"].map(material);
+        let decomposed = "Tu\u{308}r";
+        let materials = [
+            "r # red",
+            "木",
+            "Material #25",
+            "a # b",
+            "a # c",
+            decomposed,
+            "grün",
+            "s",
+        ];
+        let materials = materials.map(material);
         let names = MaterialNames::new(&materials);
         for (name, index) in [
             ("r # wall", Some(0)),
@@ -70,6 +84,9 @@ mod tests {
             ("Material #26", None),
             ("a # b", Some(3)),
             ("a # c", Some(4)),
+            ("T\u{fc}r", Some(5)),
+            ("gru\u{308}n", Some(6)),
+            ("s #1 of 2", Some(7)),
         ] {
             assert_eq!(names.find(name), index, "{name}");
         }

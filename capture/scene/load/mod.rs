@@ -9,7 +9,7 @@ pub mod encoding;
 pub(crate) mod gltf;
 mod lights;
 pub mod lines;
-mod material_names;
+pub mod material_names;
 pub mod mtl;
 mod named_files;
 pub mod notes;

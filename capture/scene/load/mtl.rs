@@ -6,6 +6,7 @@
 use super::lines::{has_decimal_comma, keyword, lines, words};
 use super::notes::{Note, Notes};
 use glam::{Affine2, Vec2};
+use std::collections::HashSet;
 use std::path::PathBuf;
 
 /// A reference to an image, with the transform of its options.
@@ -44,7 +45,7 @@ pub struct MtlMaterial {
     pub diffuse_map: Option<Map>,
     /// `map_Ke`.
     pub emissive_map: Option<Map>,
-    /// `map_d`.
+    /// `map_d`, or `map_opacity`.
     pub dissolve_map: Option<Map>,
 }
 
@@ -74,7 +75,7 @@ impl MtlMaterial {
 
 /// Parses a material file and appends its materials. `name` is that of the file, for notes on
 /// lines.
-pub fn parse(
+fn parse(
     text: &str,
     name: &str,
     folder: PathBuf,
@@ -107,6 +108,21 @@ pub fn parse(
     materials.extend(current);
 }
 
+/// Parses a material file and appends those of its materials whose names no earlier file defines:
+/// of several files the first one counts (Wavefront's appendix B1), in a file the last definition.
+pub fn add_library(
+    text: &str,
+    name: &str,
+    folder: PathBuf,
+    materials: &mut Vec<MtlMaterial>,
+    notes: &mut Notes,
+) {
+    let mut added = Vec::new();
+    parse(text, name, folder, &mut added, notes);
+    let defined: HashSet<String> = materials.iter().map(|m| m.name.clone()).collect();
+    materials.extend(added.into_iter().filter(|m| !defined.contains(&m.name)));
+}
+
 /// Applies a statement to a material; `None` if it is supported and does not parse. The case of
 /// keywords is ignored because it varies among programs.
 fn apply_statement(material: &mut MtlMaterial, word: &str, rest: &str) -> Option<()> {
@@ -121,7 +137,7 @@ fn apply_statement(material: &mut MtlMaterial, word: &str, rest: &str) -> Option
         "illum" => material.illumination_model = Some(words(rest).next()?.parse().ok()?),
         "map_kd" => material.diffuse_map = Some(parse_map(rest)?),
         "map_ke" => material.emissive_map = Some(parse_map(rest)?),
-        "map_d" => material.dissolve_map = Some(parse_map(rest)?),
+        "map_d" | "map_opacity" => material.dissolve_map = Some(parse_map(rest)?),
         _ => {}
     }
     Some(())

@@ -1,6 +1,6 @@
 //! Search for the files that a scene file names: material files, images and buffers.
 
-use super::encoding::{respellings, spellings_of_file};
+use super::encoding::{fold_name, respellings, spellings_of_file};
 use super::lines::without_comment;
 use headbox_core::files::{FoundInput, InputFolder};
 use std::collections::BTreeSet;
@@ -8,9 +8,9 @@ use std::ffi::OsStr;
 use std::path::Path;
 
 /// Finds the file that a file in the folder `base` of a scene calls `written`, relative to `base`
-/// or to the scene: as it is written; then ignoring case and in other encodings; then by the end of
-/// its path, because some programs write paths of their machine. If there is none, the name may end
-/// before a comment.
+/// or to the scene: as it is written; then ignoring case and normalization and in other encodings;
+/// then by the end of its path, because some programs write paths of their machine. If there is
+/// none, the name may end before a comment.
 ///
 /// # Errors
 /// The cause, for notes: there is no such file, or it may not be read.
@@ -41,12 +41,12 @@ pub(super) fn find_file(
     Err(refusal.map_or_else(|| "no such file".into(), |refusal| refusal.to_string()))
 }
 
-/// Returns a test for names that differ from that written in case or encoding alone.
+/// Returns a test for names that differ from that written in case, Unicode normalization or encoding alone.
 fn accept_spellings(written: &str) -> impl Fn(&OsStr) -> bool + use<> {
     let mut wanted: BTreeSet<String> = respellings(written)
         .iter()
-        .map(|name| name.to_lowercase())
+        .map(|name| fold_name(name))
         .collect();
-    wanted.insert(written.to_lowercase());
+    wanted.insert(fold_name(written));
     move |name: &OsStr| !spellings_of_file(name).is_disjoint(&wanted)
 }

@@ -118,8 +118,8 @@ impl Note {
             Self::Unlit => [
                 "unlit material",
                 "unlit materials",
-                "lit nevertheless, though the colours may contain light; --light-samples 0 (for \
-                 truth, sprites and lumigraphs: --unlit) shows them unlit",
+                "lit like others unless --light-samples 0 (for truth, sprites and lumigraphs: --unlit) \
+                 is given, though their colours may contain light",
             ],
             Self::LineUnread => ["unrecognised OBJ line", "unrecognised OBJ lines", "skipped"],
             Self::StlLineUnread => ["unrecognised STL line", "unrecognised STL lines", "skipped"],

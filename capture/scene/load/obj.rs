@@ -49,8 +49,8 @@ const SLOT_BYTES: usize = 33 * 3 / 2;
 /// Number of words before a file name that may be unknown options and their values.
 const MAX_UNKNOWN_WORDS: usize = 8;
 
-/// Least alpha that is not a hole; OBJ has no statement for it.
-const CUTOUT_THRESHOLD: f32 = 0.5;
+/// Least alpha that is not a hole; OBJ and PLY have no statement for it.
+pub(super) const CUTOUT_THRESHOLD: f32 = 0.5;
 
 /// Loads an OBJ with the files that it refers to.
 pub(super) fn load(
@@ -173,8 +173,7 @@ fn parse(
 }
 
 /// Reads the material files, each once. A `mtllib` has one file name, which may contain spaces, or
-/// several. Of materials with the same name the last one counts, and so does the last mention of a
-/// file.
+/// several. Of files that define the same material the first one counts.
 fn read_libraries(
     libraries: &[String],
     scene: &InputFolder,
@@ -182,13 +181,7 @@ fn read_libraries(
 ) -> Vec<MtlMaterial> {
     let mut materials = Vec::new();
     let mut seen = HashSet::new();
-    let mut libraries: Vec<&String> = libraries
-        .iter()
-        .rev()
-        .filter(|it| seen.insert(*it))
-        .collect();
-    libraries.reverse();
-    for written in libraries {
+    for written in libraries.iter().filter(|it| seen.insert(*it)) {
         let find = |name: &str| find_file(name, scene.path(), scene);
         let names: Vec<&str> = match find(written) {
             Ok(_) => vec![written],
@@ -210,7 +203,7 @@ fn read_libraries(
                     notes.add_file(&path);
                     let text = decode_text(&bytes, &file_name(&path), notes);
                     let folder = folder_of(&path).to_path_buf();
-                    mtl::parse(&text, name, folder, &mut materials, notes);
+                    mtl::add_library(&text, name, folder, &mut materials, notes);
                 }
                 Err(cause) => {
                     notes.add_named(Note::MaterialFileUnreadable, format!("{name} ({cause})"));
@@ -252,6 +245,8 @@ struct Maps {
     diffuse: Option<Handle>,
     emissive: Option<Handle>,
     dissolve: Option<Handle>,
+    /// The diffuse map, if it is the opacity map, too.
+    own_alpha: Option<Handle>,
 }
 
 impl ObjMaterials {
@@ -408,14 +403,14 @@ fn request_maps(
     };
     let diffuse = request(&m.diffuse_map, Role::Color);
     let same_file = |a: &Map, b: &Map| a.file == b.file && a.clamp == b.clamp;
-    let dissolve = match (&m.dissolve_map, &m.diffuse_map) {
-        (Some(a), Some(b)) if same_file(a, b) => diffuse,
-        (map, _) => request(map, Role::Mask),
-    };
+    let is_same =
+        matches!((&m.dissolve_map, &m.diffuse_map), (Some(a), Some(b)) if same_file(a, b));
+    let mask = if is_same { Role::GreyMask } else { Role::Mask };
     Maps {
         diffuse,
+        dissolve: request(&m.dissolve_map, mask),
         emissive: request(&m.emissive_map, Role::Color),
-        dissolve,
+        own_alpha: diffuse.filter(|_| is_same),
     }
 }
 
@@ -454,7 +449,9 @@ fn convert(
     let slot = |handle: Option<Handle>| handle.and_then(|handle| textures.slot(handle));
     let (diffuse, emissive) = (slot(maps.diffuse), slot(maps.emissive));
     let by_color = || diffuse.filter(|_| m.dissolve_map.is_none() || m.is_transparent());
-    let opacity = slot(maps.dissolve).or_else(by_color);
+    let opacity = slot(maps.dissolve)
+        .or_else(|| slot(maps.own_alpha))
+        .or_else(by_color);
     let opacity = opacity.filter(|slot| slot.is_cut_at(CUTOUT_THRESHOLD));
     if opacity.is_none() && m.opacity() < 0.5 {
         return None;

@@ -20,7 +20,9 @@ pub fn triangulate(corners: &[DVec3]) -> Vec<[usize; 3]> {
         let count = flat.len();
         let is_convex =
             |i: usize| doubled_area(&flat, [i, (i + 1) % count, (i + 2) % count]) >= 0.0;
-        if !(0..count).all(is_convex) {
+        // A repeated corner or a spike hides a reflex corner, but not from the fan.
+        let is_fan = |i: usize| doubled_area(&flat, [0, i, i + 1]) >= 0.0;
+        if !(0..count).all(is_convex) || !(1..count - 1).all(is_fan) {
             let triangles = delaunay(&flat).unwrap_or_default();
             if !triangles.is_empty() {
                 return triangles;
@@ -174,6 +176,24 @@ mod tests {
                 (area(&corners, &triangles, DVec3::X) - 3.0).abs() < 1e-9,
                 "start {start}"
             );
+        }
+    }
+
+    #[test]
+    fn concave_polygon_with_repeated_corner_or_spike_is_covered_once() {
+        let l = [(0, 0), (2, 0), (2, 1), (1, 1), (1, 2), (0, 2)];
+        let repeated = [[(1, 1), (1, 1)], [(1, 2), (1, 1)]];
+        for inserted in repeated {
+            let mut outline = [&l[..4], &inserted, &l[4..]].concat();
+            for _ in 0..outline.len() {
+                outline.rotate_left(1);
+                let corners: Vec<DVec3> = outline
+                    .iter()
+                    .map(|&(x, y)| dvec3(f64::from(x), f64::from(y), 0.0))
+                    .collect();
+                let covered = area(&corners, &triangulate(&corners), DVec3::Z);
+                assert!((covered - 3.0).abs() < 1e-12, "{outline:?}");
+            }
         }
     }
 

@@ -19,6 +19,9 @@ pub(super) enum Role {
     Color,
     /// Opacity: the image's alpha if that varies, else its luminance.
     Mask,
+    /// Opacity of the image that is the colour, too: its luminance if it is grey and its alpha does
+    /// not vary, else nothing.
+    GreyMask,
 }
 
 /// Use of an image as a texture.
@@ -163,6 +166,7 @@ impl TextureTable {
                     notes.add_over_budget(&request.file_name(), &cause);
                     None
                 }
+                Err(DecodeError::NotGrey) => None,
                 Err(DecodeError::Unreadable(cause)) => {
                     let name = request.file_name();
                     notes.add_named(Note::TextureUnreadable, format!("{name} ({cause})"));
@@ -204,6 +208,8 @@ impl DecodedTextures {
 /// Why a texture could not be decoded.
 enum DecodeError {
     OverBudget(PictureError),
+    /// The image of a [`Role::GreyMask`] is not one.
+    NotGrey,
     Unreadable(String),
 }
 
@@ -231,7 +237,8 @@ impl Request {
         let (width, height) = (image.width(), image.height());
         let texels = match self.role {
             Role::Color => srgb_texels(&image),
-            Role::Mask => mask_texels(&image),
+            Role::GreyMask if !is_grey(&image) => return Err(DecodeError::NotGrey),
+            Role::Mask | Role::GreyMask => mask_texels(&image),
         };
         let texture = Texture::new(width, height, texels)
             .ok_or_else(|| DecodeError::Unreadable("it has no pixels".into()))?;
@@ -257,6 +264,13 @@ fn srgb_texels(image: &DynamicImage) -> Vec<[u8; 4]> {
         }
         _ => codec::rgba8_pixels(image),
     }
+}
+
+/// Returns true if all texels are grey and their alpha does not vary.
+fn is_grey(image: &DynamicImage) -> bool {
+    let rgba = codec::rgba8_pixels(image);
+    rgba.iter()
+        .all(|&[r, g, b, a]| r == g && g == b && a == rgba[0][3])
 }
 
 /// Converts an image to white texels whose alpha is its opacity.

@@ -100,18 +100,6 @@ pub fn read(path: &Path, most_bytes: u64) -> Result<Decoded, PictureError> {
     decode(&memory::read_file(path)?, Some(path), most_bytes)
 }
 
-/// Reads the number of bits per channel of an image file.
-///
-/// # Errors
-/// [`PictureError`].
-pub fn bits_per_channel(path: &Path) -> Result<u16, PictureError> {
-    let kind = ImageReader::open(path)?
-        .with_guessed_format()?
-        .into_decoder()?
-        .color_type();
-    Ok(kind.bits_per_pixel() / u16::from(kind.channel_count()))
-}
-
 /// Decodes an image in memory. Formats without a signature (TGA) are only recognised by the
 /// extension of `name`.
 ///

@@ -2,17 +2,21 @@
 //! parts, and channels whose names carry those of a view layer and a pass, such as
 //! `ViewLayer.Combined.R` and `ViewLayer.Depth.Z`.
 //!
-//! Deep parts are left out; `headbox-images` reads them.
+//! The picture is the display window: samples outside of it are left out, and those that the data
+//! window lacks are 0. Deep parts are left out; `headbox-images` reads them.
 
 use super::codec::{self, MAX_PIXELS, PictureError};
 use crate::memory::{self, Reservation};
 use exr::block;
 use exr::block::reader::ChunksReader;
 use exr::meta::MetaData;
-use exr::meta::attribute::SampleType;
+use exr::meta::attribute::{Chromaticities, SampleType};
+use exr::meta::header::Header;
 use exr::prelude::f16;
+use glam::{DMat3, DVec3};
 use std::fs::File;
 use std::io::BufReader;
+use std::ops::Range;
 use std::path::Path;
 
 /// Gets the position of a channel, the column and the row of the first sample, and the samples.
@@ -26,14 +30,20 @@ const PARALLEL_PIXELS: usize = 1 << 22;
 const NAMED: usize = 12;
 
 /// A flat part of an EXR file, by its header.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct ExrPart {
     /// Index among all parts of the file.
     index: usize,
     /// Name, if it has any.
     name: Option<String>,
-    /// Width and height of its data, pixels.
+    /// Width and height of its picture, pixels.
     pub size_px: [u32; 2],
+    /// Column and row of the picture that has the first sample.
+    data_start: [i64; 2],
+    /// Width and height of its data, pixels.
+    data_size: [usize; 2],
+    /// Conversion of its colours to the primaries of Rec. 709, if they have others.
+    rec709_from_file: Option<DMat3>,
     /// Names of the channels in the file's order.
     channels: Vec<String>,
     /// True for each channel of half floats.
@@ -48,47 +58,122 @@ pub struct ExrChannel {
 }
 
 /// Headers of the flat parts of an EXR file.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct ExrParts(Vec<ExrPart>);
+
+impl ExrPart {
+    fn new(index: usize, header: &Header) -> Self {
+        let channels = &header.channels.list;
+        let shared = &header.shared_attributes;
+        let [data, display] = [
+            (header.own_attributes.layer_position, header.layer_size),
+            (shared.display_window.position, shared.display_window.size),
+        ]
+        .map(|(start, size)| {
+            let start = [start.x(), start.y()].map(i64::from);
+            (start, [size.x(), size.y()])
+        });
+        let overlaps = (0..2).all(|k| {
+            let end = |(start, size): ([i64; 2], [usize; 2])| start[k] + size[k] as i64;
+            data.0[k] < end(display) && display.0[k] < end(data)
+        });
+        let picture = if overlaps { display } else { data };
+        let name = header.own_attributes.layer_name.as_ref();
+        Self {
+            index,
+            name: name.map(ToString::to_string),
+            size_px: picture.1.map(|side| side as u32),
+            data_start: std::array::from_fn(|k| data.0[k] - picture.0[k]),
+            data_size: data.1,
+            rec709_from_file: shared.chromaticities.as_ref().and_then(rec709_from),
+            channels: channels.iter().map(|it| it.name.to_string()).collect(),
+            halves: channels
+                .iter()
+                .map(|it| it.sample_type == SampleType::F16)
+                .collect(),
+        }
+    }
+
+    /// Returns true if the data window covers the picture.
+    fn is_complete(&self) -> bool {
+        (0..2).all(|k| {
+            let end = self.data_start[k] + self.data_size[k] as i64;
+            self.data_start[k] <= 0 && end >= i64::from(self.size_px[k])
+        })
+    }
+
+    /// Returns the column and the row in the picture of samples of a row of the data, and the range
+    /// of those inside the picture; `None` if there are none.
+    fn place(&self, [x, y]: [usize; 2], count: usize) -> Option<([usize; 2], Range<usize>)> {
+        let [width, height] = self.size_px.map(i64::from);
+        let left = self.data_start[0] + x as i64;
+        let row = self.data_start[1] + y as i64;
+        let start = left.max(0);
+        let end = (left + count as i64).min(width);
+        let is_inside = start < end && (0..height).contains(&row);
+        is_inside.then(|| {
+            let samples = (start - left) as usize..(end - left) as usize;
+            ([start as usize, row as usize], samples)
+        })
+    }
+}
+
+/// Returns the conversion of linear RGB of these primaries and white to those of Rec. 709, adapted
+/// to the white (Bradford); `None` if they are the same or degenerate.
+fn rec709_from(file: &Chromaticities) -> Option<DMat3> {
+    const REC709: [[f64; 2]; 4] = [[0.64, 0.33], [0.3, 0.6], [0.15, 0.06], [0.3127, 0.329]];
+    const ROUNDING: f64 = 1e-3;
+    let bradford = DMat3::from_cols_array_2d(&[
+        [0.8951, -0.7502, 0.0389],
+        [0.2664, 1.7135, -0.0685],
+        [-0.1614, 0.0367, 1.0296],
+    ]);
+    let of_file = [file.red, file.green, file.blue, file.white]
+        .map(|point| [point.x(), point.y()].map(f64::from));
+    let mut pairs = of_file.as_flattened().iter().zip(REC709.as_flattened());
+    if pairs.all(|(a, b)| (a - b).abs() < ROUNDING) {
+        return None;
+    }
+    let xyz_from_rgb = |points: [[f64; 2]; 4]| {
+        let [r, g, b, white] = points.map(|[x, y]| DVec3::new(x, y, 1.0 - x - y) / y);
+        let unscaled = DMat3::from_cols(r, g, b);
+        (
+            unscaled * DMat3::from_diagonal(unscaled.inverse() * white),
+            bradford * white,
+        )
+    };
+    let (xyz_from_file, file_white) = xyz_from_rgb(of_file);
+    let (xyz_from_rec709, rec709_white) = xyz_from_rgb(REC709);
+    let adapt = DMat3::from_diagonal(rec709_white / file_white);
+    let matrix = xyz_from_rec709.inverse() * bradford.inverse() * adapt * bradford * xyz_from_file;
+    matrix.is_finite().then_some(matrix)
+}
 
 impl ExrParts {
     /// Reads the headers.
     ///
     /// # Errors
-    /// [`PictureError`], also if no part is flat.
+    /// [`PictureError`], also if no part is flat, or one has more than [`MAX_PIXELS`].
     pub fn read(path: &Path) -> Result<Self, PictureError> {
         let meta = codec::read_exr(|| MetaData::read_from_file(path, false))?;
         let flat = meta.headers.iter().enumerate().filter(|(_, it)| !it.deep);
         let parts: Vec<ExrPart> = flat
-            .map(|(index, header)| ExrPart {
-                index,
-                name: header
-                    .own_attributes
-                    .layer_name
-                    .as_ref()
-                    .map(ToString::to_string),
-                size_px: [header.layer_size.x(), header.layer_size.y()].map(|side| side as u32),
-                channels: header
-                    .channels
-                    .list
-                    .iter()
-                    .map(|it| it.name.to_string())
-                    .collect(),
-                halves: header
-                    .channels
-                    .list
-                    .iter()
-                    .map(|it| it.sample_type == SampleType::F16)
-                    .collect(),
-            })
+            .map(|(index, header)| ExrPart::new(index, header))
             .collect();
         if parts.is_empty() {
             return Err(PictureError::Malformed("the EXR has no flat part".into()));
         }
+        for part in &parts {
+            for [width, height] in [part.size_px, part.data_size.map(|side| side as u32)] {
+                if u64::from(width) * u64::from(height) > MAX_PIXELS {
+                    return Err(PictureError::TooLarge { width, height });
+                }
+            }
+        }
         Ok(Self(parts))
     }
 
-    /// Width and height of the data of a channel's part, pixels.
+    /// Width and height of the picture of a channel's part, pixels.
     pub fn size_px(&self, of: ExrChannel) -> [u32; 2] {
         self.0[of.part].size_px
     }
@@ -96,6 +181,12 @@ impl ExrParts {
     /// Width and height of the first part, pixels.
     pub fn first_size_px(&self) -> [u32; 2] {
         self.0[0].size_px
+    }
+
+    /// Returns the conversion of the colours of a channel's part to the primaries of Rec. 709, if
+    /// they have others.
+    pub fn rec709_from_file(&self, of: ExrChannel) -> Option<DMat3> {
+        self.0[of.part].rec709_from_file
     }
 
     /// Returns true if a channel has half floats.
@@ -144,7 +235,8 @@ impl ExrParts {
     /// Channel with depth: `Z` of any part; else one named after depth, in any layer; else `Y`,
     /// `R` or the only channel of the first part. `None` if there is none of them.
     ///
-    /// `Z` of a layer that also has `X` is a coordinate of a vector.
+    /// `Z` of a layer that also has `X` is a coordinate of a vector. Mist, a share of fog, is not
+    /// depth.
     pub fn depth(&self) -> Option<ExrChannel> {
         let first = |name: &str| {
             let channel = self.0[0].channels.iter().position(|it| it == name)?;
@@ -152,36 +244,51 @@ impl ExrParts {
         };
         let named = |rank: u32| self.all().find(|it| self.depth_rank(*it) == Some(rank));
         let only = || {
-            (self.0[0].channels.len() == 1).then_some(ExrChannel {
+            let is_alone = self.0[0].channels.len() == 1;
+            let first = ExrChannel {
                 part: 0,
                 channel: 0,
-            })
+            };
+            (is_alone && !self.is_mist(first)).then_some(first)
         };
         let is_depth = |it: &ExrChannel| self.depth_rank(*it).is_some();
         first("Z")
             .filter(is_depth)
             .or_else(|| (0..DEPTH_RANKS).find_map(named))
-            .or_else(|| first("Y"))
+            .or_else(|| first("Y").filter(|it| !self.is_vector(*it)))
             .or_else(|| first("R"))
             .or_else(only)
+    }
+
+    /// Returns true if a channel's layer also has `X`: it is a coordinate.
+    fn is_vector(&self, of: ExrChannel) -> bool {
+        let name = &self.0[of.part].channels[of.channel];
+        let layer = name.rfind('.').map_or("", |dot| &name[..=dot]);
+        self.find_in(of.part, &format!("{layer}X")).is_some()
+    }
+
+    fn is_mist(&self, of: ExrChannel) -> bool {
+        self.full_name(of).split('.').any(|word| word == "mist")
     }
 
     /// Rank of a channel among those with depth, best first; `None` if it is not one.
     fn depth_rank(&self, of: ExrChannel) -> Option<u32> {
         let full = self.full_name(of);
         let (layer, last) = full.rsplit_once('.').unwrap_or(("", &full));
-        let mut siblings = self.all().map(|it| self.full_name(it));
-        let is_vector = siblings.any(|it| it.rsplit_once('.').unwrap_or(("", &it)) == (layer, "x"));
         let is_depth = |word: &str| word.contains("depth") || word == "z";
         let layer_is_depth = layer.split('.').any(is_depth);
-        match last {
-            "z" if !is_vector && layer_is_depth => Some(0),
-            "z" if !is_vector => Some(1),
-            _ if is_depth(last) && last != "z" => Some(2),
-            "v" | "y" | "d" if layer_is_depth => Some(3),
-            "r" if layer_is_depth => Some(4),
-            _ => None,
-        }
+        let rank = match last {
+            "z" if self.is_vector(of) => return None,
+            "z" if layer_is_depth => 0,
+            "z" => 1,
+            _ if is_depth(last) => 2,
+            "v" | "y" | "d" if layer_is_depth => 3,
+            "r" if layer_is_depth => 4,
+            _ => return None,
+        };
+        // The depth that denoisers use is that behind mirrors and glass.
+        let rank = if full.contains("denois") { 5 } else { rank };
+        (!self.is_mist(of)).then_some(rank)
     }
 
     /// Name of a channel after that of its part, in lower case.
@@ -201,34 +308,34 @@ impl ExrParts {
         Some([find("G")?, find("B")?])
     }
 
-    /// Red, green, blue and, if there is one, alpha of the picture: those named so; else those of a
-    /// layer, first of one with the usual name of the finished picture; else the only grey channel.
+    /// Red, green, blue and, if there is one, alpha of the picture: those without a layer or in a
+    /// part without a name; else those of a layer or part, first of one with the usual name of the
+    /// finished picture; else the only grey channel.
     pub fn color(&self) -> Option<[Option<ExrChannel>; 4]> {
         let reds = self.all().filter_map(|red| {
             let [green, blue] = self.green_and_blue(red)?;
             let name = &self.0[red.part].channels[red.channel];
             let layer = &name[..name.len() - 1];
             let alpha = self.find_in(red.part, &format!("{layer}A"));
-            let rank = if name == "R" {
-                0
+            let full = self.full_name(red);
+            let rank = if full == "r" {
+                u32::from(name != "R")
+            } else if full.split('.').any(|word| FINISHED.contains(&word)) {
+                2
             } else if layer.is_empty() {
-                1
+                3
             } else {
-                let full = self.full_name(red);
-                let words: Vec<&str> = full.split('.').collect();
-                let is_finished = words.iter().any(|word| FINISHED.contains(word));
-                if is_finished { 2 } else { 3 }
+                4
             };
             Some((rank, [Some(red), Some(green), Some(blue), alpha]))
         });
         if let Some((_, found)) = reds.min_by_key(|(rank, _)| *rank) {
             return Some(found);
         }
-        let grey = self.find("Y").filter(|it| {
+        let grey = self.all().find(|it| {
             let channels = &self.0[it.part].channels;
-            !channels
-                .iter()
-                .any(|name| ["RY", "BY"].contains(&name.as_str()))
+            let is_chroma = |name: &String| name == "RY" || name == "BY";
+            channels[it.channel] == "Y" && !channels.iter().any(is_chroma) && !self.is_vector(*it)
         })?;
         let alpha = self.find_in(grey.part, "A");
         Some([Some(grey), Some(grey), Some(grey), alpha])
@@ -243,7 +350,7 @@ impl ExrParts {
     /// Reserves memory for the pixels of a channel's part.
     ///
     /// # Errors
-    /// [`PictureError`] if it has more than [`MAX_PIXELS`], or they do not fit the budget.
+    /// [`PictureError`] if they do not fit the budget.
     pub fn reserve(
         &self,
         of: ExrChannel,
@@ -251,17 +358,15 @@ impl ExrParts {
     ) -> Result<Reservation, PictureError> {
         let [width, height] = self.size_px(of);
         let pixels = u64::from(width) * u64::from(height);
-        if pixels > MAX_PIXELS {
-            return Err(PictureError::TooLarge { width, height });
-        }
         Ok(memory::reserve(bytes_per_pixel * pixels)?)
     }
 
     /// Decodes channels of one part. `on_row` gets the position of a channel in `channels`, the
-    /// column and the row of the first sample, and samples of that row.
+    /// column and the row of the first sample, and samples of that row. Where the file has none, it
+    /// gets zeros first.
     ///
     /// # Errors
-    /// [`PictureError`], also if a part has more than [`MAX_PIXELS`] pixels.
+    /// [`PictureError`].
     pub fn decode(
         &self,
         path: &Path,
@@ -272,9 +377,12 @@ impl ExrParts {
             return Ok(());
         };
         let part = &self.0[first.part];
-        let [width, height] = part.size_px;
-        if u64::from(width) * u64::from(height) > MAX_PIXELS {
-            return Err(PictureError::TooLarge { width, height });
+        if !part.is_complete() {
+            let [width, height] = part.size_px.map(|side| side as usize);
+            let zeros = vec![0.0; width];
+            for k in 0..channels.len() {
+                (0..height).for_each(|y| on_row(k, [0, y], &zeros));
+            }
         }
         codec::read_exr(|| {
             let reader = block::read(BufReader::new(File::open(path)?), false)?;
@@ -310,13 +418,17 @@ impl ExrParts {
                         }
                     }
                     let position = line.location.position;
+                    let placed = part.place([position.x(), position.y()], row.len());
+                    let Some((start, inside)) = placed else {
+                        continue;
+                    };
                     for k in wanted {
-                        on_row(k, [position.x(), position.y()], &row);
+                        on_row(k, start, &row[inside.clone()]);
                     }
                 }
                 Ok(())
             };
-            if (width as usize * height as usize) < PARALLEL_PIXELS {
+            if part.data_size.iter().product::<usize>() < PARALLEL_PIXELS {
                 chunks.decompress_sequential(false, &mut insert)
             } else {
                 chunks.decompress_parallel(false, &mut insert)
@@ -342,7 +454,7 @@ impl ExrParts {
 }
 
 /// Number of ranks of channels with depth.
-const DEPTH_RANKS: u32 = 5;
+const DEPTH_RANKS: u32 = 6;
 
 /// Names of the finished picture among the layers of renderers.
 const FINISHED: [&str; 8] = [
@@ -365,6 +477,9 @@ mod tests {
             index,
             name: name.map(str::to_owned),
             size_px: [4, 2],
+            data_start: [0, 0],
+            data_size: [4, 2],
+            rec709_from_file: None,
             channels: channels.iter().map(|&name| name.to_owned()).collect(),
             halves: vec![false; channels.len()],
         };
@@ -415,6 +530,17 @@ mod tests {
             Some("zdepth")
         );
         assert_eq!(depth_name(&[(None, &["V"])]).as_deref(), Some("V"));
+        for [other, exact] in [
+            ["V.Denoising Depth.Z", "V.Depth.Z"],
+            ["V.Denoising Depth.Z", "V.Depth.V"],
+            ["V.Mist.Z", "V.Denoising Depth.Z"],
+        ] {
+            let found = depth_name(&[(None, &[other, exact])]);
+            assert_eq!(found.as_deref(), Some(exact));
+        }
+        for not_depth in [&["V.Mist.Z"][..], &["Mist.V"], &["X", "Y", "Z"]] {
+            assert_eq!(depth_name(&[(None, not_depth)]), None, "{not_depth:?}");
+        }
         let several: &[(Option<&str>, &[&str])] = &[
             (Some("rgba"), &["A", "B", "G", "R"]),
             (Some("depth"), &["Z"]),
@@ -459,7 +585,68 @@ mod tests {
         let several: &[(Option<&str>, &[&str])] =
             &[(Some("z"), &["Z"]), (Some("rgba"), &["B", "G", "R"])];
         assert_eq!(found(several), "rgba.R rgba.G rgba.B -");
+        let rgb: &[&str] = &["B", "G", "R"];
+        let several: &[(Option<&str>, &[&str])] =
+            &[(Some("DiffCol"), rgb), (Some("V.Combined"), rgb)];
+        assert_eq!(
+            found(several),
+            "V.Combined.R V.Combined.G V.Combined.B -",
+            "the finished picture"
+        );
+        assert_eq!(found(&[(None, &["Y", "Z"])]), "Y Y Y -", "with depth");
+        assert_eq!(names(&[(None, &["X", "Y", "Z"])]), None);
+        let vectors: &[(Option<&str>, &[&str])] =
+            &[(Some("depth"), &["Z"]), (Some("normal"), &["X", "Y", "Z"])];
+        assert_eq!(names(vectors), None);
         assert_eq!(names(&[(None, &["BY", "RY", "Y"])]), None);
         assert_eq!(names(&[(None, &["Z"])]), None);
+    }
+
+    #[test]
+    fn picture_is_display_window() {
+        use exr::image::{AnyChannel, AnyChannels, FlatSamples};
+        use exr::meta::attribute::IntegerBounds;
+        use exr::prelude::{Encoding, Image, Layer, LayerAttributes, WritableImage};
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("a.exr");
+        let read = |size: (usize, usize), start: (i32, i32), display: (i32, i32, usize, usize)| {
+            let samples = (1..=size.0 * size.1).map(|i| i as f32).collect();
+            let channel = AnyChannel::new("Z", FlatSamples::F32(samples));
+            let layer = Layer::new(
+                size,
+                LayerAttributes::default().with_position(start.into()),
+                Encoding::UNCOMPRESSED,
+                AnyChannels::sort([channel].into_iter().collect()),
+            );
+            let mut image = Image::from_layer(layer);
+            let (x, y, width, height) = display;
+            image.attributes.display_window = IntegerBounds::new((x, y), (width, height));
+            image.write().to_file(&path).expect("written");
+            let parts = ExrParts::read(&path).expect("an EXR");
+            let depth = parts.depth().expect("Z");
+            let samples = parts.decode_one(&path, depth).expect("samples");
+            (parts.size_px(depth), samples)
+        };
+        let cropped = vec![0.0, 0.0, 0.0, 0.0, 1.0, 2.0, 0.0, 3.0, 4.0];
+        assert_eq!(read((2, 2), (6, 6), (5, 5, 3, 3)), ([3, 3], cropped));
+        let overscan = vec![5.0];
+        assert_eq!(read((3, 3), (-1, -1), (0, 0, 1, 1)), ([1, 1], overscan));
+        let apart = vec![1.0, 2.0];
+        assert_eq!(read((2, 1), (9, 9), (0, 0, 4, 4)), ([2, 1], apart));
+    }
+
+    #[test]
+    fn primaries_of_aces_become_rec709() {
+        let aces = Chromaticities {
+            red: (0.7347, 0.2653).into(),
+            green: (0.0, 1.0).into(),
+            blue: (0.0001, -0.077).into(),
+            white: (0.32168, 0.33767).into(),
+        };
+        let matrix = rec709_from(&aces).expect("other primaries");
+        // Rec. 709 red and white in ACES 2065-1.
+        let red = matrix * DVec3::new(0.4397, 0.0898, 0.0175);
+        assert!(red.distance(DVec3::X) < 2e-3, "{red}");
+        assert!((matrix * DVec3::ONE).distance(DVec3::ONE) < 1e-9);
     }
 }

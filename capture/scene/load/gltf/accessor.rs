@@ -32,6 +32,8 @@ pub(super) struct Buffers<'a> {
     decoded_views: BTreeMap<usize, Vec<u8>>,
     /// Numbers of accessors whose bytes are in compressed primitives.
     decoded_accessors: BTreeMap<usize, Values>,
+    /// Corners of compressed primitives without an accessor for them, by that of their positions.
+    decoded_corners: BTreeMap<usize, Values>,
     /// Why an accessor was not read although it is valid.
     over_budget: OnceLock<OverBudget>,
 }
@@ -55,7 +57,7 @@ impl<'a> Buffers<'a> {
                     format!("buffer {index}"),
                     blob.take().ok_or_else(|| "no binary chunk".to_owned()),
                 ),
-                Some(uri) => match uri::resolve(uri) {
+                Some(uri) => match uri::resolve(uri, folder) {
                     UriTarget::Data(bytes) => (format!("buffer {index}"), bytes),
                     UriTarget::File(file) => {
                         let bytes = match find_file(&file, folder.path(), folder) {
@@ -84,6 +86,7 @@ impl<'a> Buffers<'a> {
             data,
             decoded_views: BTreeMap::new(),
             decoded_accessors: BTreeMap::new(),
+            decoded_corners: BTreeMap::new(),
             over_budget: OnceLock::new(),
         };
         buffers.decode_views(raw, notes);
@@ -148,12 +151,16 @@ impl<'a> Buffers<'a> {
         for ((primitive, compressed), decoded) in compressed.into_iter().zip(decoded) {
             match decoded {
                 Ok(mut decoded) => {
-                    let indices = primitive.indices.map(|index| (index, decoded.indices));
                     let attributes = primitive.attributes.iter();
                     let values = attributes.filter_map(|(name, &index)| {
                         Some((index, decoded.attributes.remove(name)?))
                     });
-                    self.decoded_accessors.extend(values.chain(indices));
+                    self.decoded_accessors.extend(values);
+                    if let Some(indices) = primitive.indices {
+                        self.decoded_accessors.insert(indices, decoded.indices);
+                    } else if let Some(&positions) = primitive.attributes.get("POSITION") {
+                        self.decoded_corners.insert(positions, decoded.indices);
+                    }
                 }
                 Err(cause) => {
                     let view = compressed.buffer_view;
@@ -178,20 +185,53 @@ impl<'a> Buffers<'a> {
         Some((bytes, stride))
     }
 
-    /// Returns true if an accessor has a buffer view, whose size limits the number of entries.
+    /// Returns true if the bytes of an accessor limit its number of entries: it has a buffer view,
+    /// or sparse values for one entry in sixteen.
     pub(super) fn has_bytes(&self, index: Index<Accessor>) -> bool {
-        self.root
-            .accessors
-            .get(index.value())
-            .is_some_and(|accessor| accessor.buffer_view.is_some())
+        let Some(accessor) = self.root.accessors.get(index.value()) else {
+            return false;
+        };
+        let sparse = accessor.sparse.as_ref();
+        accessor.buffer_view.is_some()
+            || sparse.is_some_and(|it| it.count.0.saturating_mul(16) >= accessor.count.0)
     }
 
-    /// Returns the number of components of an accessor's entries; 0 if it is damaged.
-    pub(super) fn components(&self, index: Index<Accessor>) -> usize {
-        let accessor = self.root.accessors.get(index.value());
-        accessor
-            .and_then(Layout::new)
-            .map_or(0, |layout| layout.components)
+    /// Returns the corners of the triangles of a compressed primitive with these positions, if it
+    /// has no accessor for them.
+    pub(super) fn compressed_corners(&self, positions: Index<Accessor>) -> Option<Vec<usize>> {
+        let corners = self.decoded_corners.get(&positions.value())?;
+        Some(
+            corners
+                .numbers
+                .iter()
+                .map(|&corner| corner as usize)
+                .collect(),
+        )
+    }
+
+    /// Reads colours with opacity, which is 1 if the file has three components; also returns true
+    /// if they are integers that the file does not declare as normalized, which is invalid but
+    /// common.
+    pub(super) fn colors(&self, index: Index<Accessor>) -> Option<(Vec<[f64; 4]>, bool)> {
+        let layout = Layout::new(self.root.accessors.get(index.value())?)?;
+        let is_integer = matches!(layout.component, ComponentType::U8 | ComponentType::U16);
+        let has_opacity = layout.components == 4;
+        let mut colors: Vec<[f64; 4]> = if has_opacity {
+            self.vectors(index)?
+        } else {
+            let opaque = |[r, g, b]: [f64; 3]| [r, g, b, 1.0];
+            self.vectors(index)?.into_iter().map(opaque).collect()
+        };
+        let is_raw =
+            is_integer && !layout.normalized && colors.as_flattened().iter().any(|&c| c > 1.0);
+        if is_raw {
+            let greatest = layout.greatest();
+            for [rgb @ .., opacity] in &mut colors {
+                rgb.iter_mut().for_each(|c| *c /= greatest);
+                *opacity /= if has_opacity { greatest } else { 1.0 };
+            }
+        }
+        Some((colors, is_raw))
     }
 
     /// Reads an accessor as vectors of `N` components, without further components. Returns `None`
@@ -330,15 +370,22 @@ impl Layout {
 
     /// Maps a stored number to the range of a normalized accessor, and leaves others unchanged.
     fn scale(self, value: f64) -> f64 {
-        let greatest = match self.component {
-            _ if !self.normalized => return value,
-            ComponentType::F32 => return value,
+        if self.normalized {
+            (value / self.greatest()).max(-1.0)
+        } else {
+            value
+        }
+    }
+
+    /// Returns the greatest number of an integer component; 1 for floats.
+    fn greatest(self) -> f64 {
+        match self.component {
+            ComponentType::F32 => 1.0,
             ComponentType::I8 => 127.0,
             ComponentType::U8 => 255.0,
             ComponentType::I16 => 32_767.0,
             ComponentType::U16 => 65_535.0,
             ComponentType::U32 => 4_294_967_295.0,
-        };
-        (value / greatest).max(-1.0)
+        }
     }
 }

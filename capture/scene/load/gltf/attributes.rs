@@ -2,8 +2,6 @@
 
 use super::super::notes::{Note, Notes};
 use super::accessor::Buffers;
-use ::gltf::json::Index;
-use ::gltf::json::accessor::Accessor;
 use ::gltf::json::mesh::{Primitive, Semantic};
 use ::gltf::json::validation::Checked;
 use glam::DMat3;
@@ -35,12 +33,11 @@ impl Attributes {
             return None;
         };
         let count = positions.len();
-        let mut colors = optional(
-            accessor(Semantic::Colors(0)).map(|a| colors(a, buffers)),
-            count,
-            notes,
-        );
-        normalize_colors(&mut colors, notes);
+        let colors = accessor(Semantic::Colors(0)).map(|a| {
+            let (colors, is_raw) = buffers.colors(a)?;
+            notes.add(Note::ColorNotNormalized, usize::from(is_raw));
+            Some(colors)
+        });
         let texcoords =
             |set: u32| accessor(Semantic::TexCoords(set)).map(|a| buffers.vectors::<2>(a));
         Some(Self {
@@ -55,37 +52,10 @@ impl Attributes {
             } else {
                 optional(texcoords(emission_texcoord_set), count, notes)
             },
-            colors,
+            colors: optional(colors, count, notes),
             positions,
         })
     }
-}
-
-/// Reads colours with opacity, which is 1 if the file has three components.
-fn colors(accessor: Index<Accessor>, buffers: &Buffers) -> Option<Vec<[f64; 4]>> {
-    if buffers.components(accessor) == 4 {
-        return buffers.vectors(accessor);
-    }
-    let opaque = |[r, g, b]: [f64; 3]| [r, g, b, 1.0];
-    Some(buffers.vectors(accessor)?.into_iter().map(opaque).collect())
-}
-
-/// Divides colours of 0 to 255 or 65,535 by that: whole numbers that the file does not declare as
-/// normalized, which is invalid but common.
-fn normalize_colors(colors: &mut [[f64; 4]], notes: &mut Notes) {
-    let rgb = || colors.iter().flat_map(|&[r, g, b, _]| [r, g, b]);
-    let largest = rgb().fold(0.0, f64::max);
-    if largest <= 1.0 || largest > 65_535.0 || rgb().any(|c| c.fract() != 0.0) {
-        return;
-    }
-    let full = if largest > 255.0 { 65_535.0 } else { 255.0 };
-    for [r, g, b, opacity] in colors.iter_mut() {
-        [r, g, b].into_iter().for_each(|c| *c /= full);
-        if *opacity > 1.0 {
-            *opacity /= full;
-        }
-    }
-    notes.add(Note::ColorNotNormalized, 1);
 }
 
 /// Returns an attribute, or none if it is absent (`None`) or damaged (`Some(None)`, another

@@ -51,7 +51,10 @@ fn node_from_instances(
         rotations.as_ref().map(Vec::len),
         scales.as_ref().map(Vec::len),
     ];
-    let count = lengths.into_iter().flatten().next()?;
+    // Attributes of applications alone, such as `_ID`, do not move the mesh.
+    let Some(count) = lengths.into_iter().flatten().next() else {
+        return Some(vec![DAffine3::IDENTITY]);
+    };
     if lengths.into_iter().flatten().any(|length| length != count) {
         return None;
     }
@@ -65,8 +68,8 @@ fn node_from_instances(
     Some((0..count).map(instance).collect())
 }
 
-/// Reads an attribute: `Some(None)` if it is absent, `None` if it is damaged or has no buffer view,
-/// because nothing limits its length then.
+/// Reads an attribute: `Some(None)` if it is absent, `None` if it is damaged or far longer than its
+/// bytes.
 fn read<const N: usize>(
     attribute: Option<u32>,
     buffers: &Buffers,

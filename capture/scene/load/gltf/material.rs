@@ -3,6 +3,7 @@
 //! Alpha is the factor times that of the texture times that of the vertices: below the threshold
 //! there is a hole.
 
+use super::super::named_files::find_file;
 use super::super::notes::{Note, Notes};
 use super::super::textures::{DecodedTextures, Handle, Role, Slot, TextureTable, TextureUse};
 use super::accessor::Buffers;
@@ -14,8 +15,10 @@ use glam::{Affine2, Mat2, Vec2};
 use gltf::json::material::AlphaMode;
 use gltf::json::mesh::Semantic;
 use gltf::json::validation::Checked;
-use gltf::json::{Root, texture};
+use gltf::json::{Image, Root, texture};
 use headbox_core::files::InputFolder;
+use headbox_core::image::codec;
+use std::borrow::Cow;
 
 /// Least opacity of a visible surface: clear glass and holes of blended textures have less.
 const BLEND_THRESHOLD: f32 = 0.5;
@@ -170,8 +173,8 @@ fn materials_with_vertex_opacity(root: &Root, buffers: &Buffers) -> Vec<bool> {
             continue;
         };
         let is_opaque = threshold(&root.materials[material]) == 0.0;
-        if !*found && !is_opaque && buffers.components(colors) == 4 {
-            let colors = buffers.vectors::<4>(colors).unwrap_or_default();
+        if !*found && !is_opaque {
+            let (colors, _) = buffers.colors(colors).unwrap_or_default();
             *found = colors.iter().any(|&[.., opacity]| opacity < 1.0);
         }
     }
@@ -205,18 +208,54 @@ fn sampler_of_texture(root: &Root, texture: usize) -> Sampler {
     }
 }
 
-/// Returns the image of a texture: its WebP image, else its own, else its KTX2 image.
-fn image_of_texture(root: &Root, raw: &RawJson, texture: usize) -> Option<usize> {
+/// Returns the image of a texture: its WebP image, else its own, else its KTX2 image. A damaged
+/// WebP image counts only if there is no other.
+fn image_of_texture(
+    root: &Root,
+    raw: &RawJson,
+    texture: usize,
+    is_damaged: impl Fn(usize) -> bool,
+) -> Option<usize> {
     let own = root.textures.get(texture)?.source.value();
-    let candidates = [
-        raw.image_of_texture(texture),
-        Some(own),
-        raw.ktx2_image_of_texture(texture),
-    ];
-    candidates
-        .into_iter()
-        .flatten()
-        .find(|&image| image < root.images.len())
+    let is_there = |image: &usize| *image < root.images.len();
+    let webp = raw.image_of_texture(texture).filter(is_there);
+    let ktx2 = raw.ktx2_image_of_texture(texture);
+    let other = [Some(own), ktx2].into_iter().flatten().find(is_there);
+    if other.is_none() {
+        return webp;
+    }
+    webp.filter(|&image| !is_damaged(image)).or(other)
+}
+
+/// Source of an image.
+enum ImageSource<'a> {
+    File(String),
+    Bytes(Result<Cow<'a, [u8]>, String>),
+}
+
+fn find_image<'a>(image: &Image, buffers: &'a Buffers, scene: &InputFolder) -> ImageSource<'a> {
+    if let Some(view) = image.buffer_view {
+        let bytes = buffers.view(view).map(|(bytes, _)| bytes.into());
+        return ImageSource::Bytes(bytes.ok_or_else(|| "its bytes are missing".into()));
+    }
+    match image.uri.as_deref().map(|it| uri::resolve(it, scene)) {
+        Some(UriTarget::Data(bytes)) => ImageSource::Bytes(bytes.map(Cow::Owned)),
+        Some(UriTarget::File(file)) => ImageSource::File(file),
+        None => ImageSource::Bytes(Err("it has neither bytes nor a name".into())),
+    }
+}
+
+/// Returns true if an image cannot be decoded.
+fn is_damaged(image: &Image, buffers: &Buffers, scene: &InputFolder) -> bool {
+    let decoded = match find_image(image, buffers, scene) {
+        ImageSource::Bytes(Ok(bytes)) => codec::decode(&bytes, None, codec::MAX_BYTES),
+        ImageSource::Bytes(Err(_)) => return true,
+        ImageSource::File(file) => match find_file(&file, scene.path(), scene) {
+            Ok(found) => codec::read(&found.path, codec::MAX_BYTES),
+            Err(_) => return true,
+        },
+    };
+    decoded.is_err_and(|error| !error.is_over_budget())
 }
 
 fn request_texture(
@@ -233,7 +272,9 @@ fn request_texture(
         role: Role::Color,
         sampler: sampler_of_texture(root, texture),
     };
-    let index = image_of_texture(root, raw, texture);
+    let index = image_of_texture(root, raw, texture, |image| {
+        is_damaged(&root.images[image], buffers, scene)
+    });
     let Some((index, image)) = index.and_then(|index| Some((index, root.images.get(index)?)))
     else {
         let cause = "it has no image in a known format";
@@ -248,19 +289,13 @@ fn request_texture(
         "image {index}{}{name}",
         if name.is_empty() { "" } else { " " }
     );
-    let target = image.uri.as_deref().map(uri::resolve);
-    let bytes = match (image.buffer_view, &target) {
-        (Some(view), _) => match buffers.view(view) {
-            Some((bytes, _)) => Ok(bytes),
-            None => Err("its bytes are missing".into()),
-        },
-        (None, Some(UriTarget::Data(bytes))) => bytes.as_deref().map_err(Clone::clone),
-        (None, Some(UriTarget::File(file))) => {
-            return set.file(file, scene.path(), scene, texture_use, notes);
+    match find_image(image, buffers, scene) {
+        ImageSource::File(file) => set.file(&file, scene.path(), scene, texture_use, notes),
+        ImageSource::Bytes(bytes) => {
+            let bytes = bytes.as_deref().map_err(Clone::clone);
+            set.embedded(&name, bytes, texture_use)
         }
-        (None, None) => Err("it has neither bytes nor a name".into()),
-    };
-    set.embedded(&name, bytes, texture_use)
+    }
 }
 
 /// Converts a material; `None` if it is transparent. Also returns the opacity of vertices below

@@ -33,6 +33,7 @@ use pose::Pose;
 use primitive::push_primitive;
 pub use raw_json::HEADBOX_HALF_SIZE;
 use raw_json::RawJson;
+use serde::Deserialize;
 use std::path::Path;
 
 /// Extensions that a file may require because they are read.
@@ -99,6 +100,10 @@ fn unsupported_message(extension: &str) -> String {
     format!("{what} the glTF extension {extension}, which is not supported; export it {otherwise}")
 }
 
+/// Note about morph targets that are left out in part.
+const MORPHED_COLORS: &str = "changes of colours and texture coordinates by morph targets left out; those of positions are \
+     used";
+
 /// Prefix of extensions of Gaussian splats, which are left out with a note.
 const SPLAT_EXTENSIONS: &str = "KHR_gaussian_splatting";
 
@@ -136,6 +141,13 @@ pub(super) fn load(
             return Err(LoadError::malformed(path, unsupported_message(required)));
         }
     }
+    let unread_lights = root.extensions_used.iter().filter(|it| is_unread_light(it));
+    for light in unread_lights {
+        notes.add_named(
+            Note::UnknownExtension,
+            format!("{light} (its light is left out)"),
+        );
+    }
     let folder = InputFolder::new(folder_of(path));
     let buffers = Buffers::read(&root, &raw, blob, &folder, &mut notes);
     let surfaces = GltfMaterials::read(&root, &raw, &buffers, &folder, &mut notes);
@@ -154,6 +166,12 @@ pub(super) fn load(
     builder.finish(path, surfaces.materials, surfaces.textures.textures)
 }
 
+/// Returns true if an extension adds light that is not read.
+fn is_unread_light(extension: &str) -> bool {
+    let adds_light = ["_lights_", "_light_", "_environment_map"];
+    extension != "KHR_lights_punctual" && adds_light.iter().any(|it| extension.contains(it))
+}
+
 /// Returns the length in the header of a GLB, bytes; `None` if it is not a GLB.
 fn glb_length(bytes: &[u8]) -> Option<usize> {
     let length = bytes.strip_prefix(b"glTF")?.get(4..8)?;
@@ -163,42 +181,72 @@ fn glb_length(bytes: &[u8]) -> Option<usize> {
 /// Parses the JSON twice (see [`raw_json`]); also returns the binary chunk of a GLB.
 fn parse(path: &Path, bytes: &[u8]) -> Result<(Root, RawJson, Option<Vec<u8>>), LoadError> {
     let malformed = |cause: String| LoadError::malformed(path, cause);
-    if !bytes.starts_with(b"glTF") {
-        let text = bytes
-            .strip_prefix(b"\xef\xbb\xbf")
-            .unwrap_or(bytes)
-            .trim_ascii_start();
-        if !text.starts_with(b"{") {
-            return Err(malformed(
-                "neither a GLB (it does not begin with \"glTF\") nor a glTF (not JSON)".into(),
-            ));
-        }
-        let no_json = |cause: ::gltf::json::Error| malformed(cause.to_string());
-        let root = ::gltf::json::deserialize::from_slice(text).map_err(no_json)?;
-        return Ok((root, RawJson::parse(text).map_err(no_json)?, None));
+    let is_glb = bytes.starts_with(b"glTF");
+    let (json, blob) = if is_glb {
+        split_glb(bytes).map_err(malformed)?
+    } else {
+        (bytes, None)
+    };
+    let json = without_padding(json).trim_ascii_start();
+    if !is_glb && !json.starts_with(b"{") {
+        return Err(malformed(
+            "neither a GLB (it does not begin with \"glTF\") nor a glTF (not JSON)".into(),
+        ));
     }
-    // The `gltf` crate subtracts the header's size from this length without a check.
+    let no_json = |cause: String| {
+        malformed(if is_glb && cause != raw_json::VERSION_REFUSED {
+            format!("its JSON chunk does not parse: {cause}")
+        } else {
+            cause
+        })
+    };
+    let json = raw_json::read_repaired(json).map_err(no_json)?;
+    let raw = RawJson::deserialize(&json).map_err(|cause| no_json(cause.to_string()))?;
+    let root = ::gltf::json::deserialize::from_value(json);
+    Ok((root.map_err(|cause| no_json(cause.to_string()))?, raw, blob))
+}
+
+/// Returns the JSON chunk and the binary chunk of a GLB; other chunks are ignored.
+///
+/// # Errors
+/// The cause, if the file is damaged or not of version 2.
+fn split_glb(bytes: &[u8]) -> Result<(&[u8], Option<Vec<u8>>), String> {
+    match bytes.get(4..8) {
+        Some([1, 0, 0, 0]) => return Err(raw_json::VERSION_REFUSED.into()),
+        Some([2, 0, 0, 0]) | None => {}
+        Some(_) => return Err("the GLB header specifies another version than 2".into()),
+    }
     let length = glb_length(bytes).unwrap_or(0);
     if length < 20 || length > bytes.len() {
         let actual = bytes.len();
-        return Err(malformed(format!(
+        return Err(format!(
             "the GLB header specifies {length} bytes, but the file has {actual}"
-        )));
+        ));
     }
-    let glb =
-        ::gltf::binary::Glb::from_slice(bytes).map_err(|cause| malformed(cause.to_string()))?;
-    let json = without_padding(&glb.json);
-    let root = ::gltf::json::deserialize::from_slice(json);
-    let no_json = |cause| malformed(format!("its JSON chunk does not parse: {cause}"));
-    let (root, raw) = (
-        root.map_err(no_json)?,
-        RawJson::parse(json).map_err(no_json)?,
-    );
-    Ok((root, raw, glb.bin.map(Into::into)))
+    let mut rest = &bytes[12..length];
+    let mut chunks = [None; 2];
+    while let Some((&[a, b, c, d, kind @ ..], after)) = rest.split_first_chunk::<8>() {
+        let length = u32::from_le_bytes([a, b, c, d]) as usize;
+        let Some((chunk, after)) = after.split_at_checked(length) else {
+            let actual = after.len();
+            return Err(format!(
+                "a chunk of the GLB has {length} bytes, but only {actual} follow"
+            ));
+        };
+        rest = after;
+        match &kind {
+            b"JSON" => chunks[0] = chunks[0].or(Some(chunk)),
+            b"BIN\0" => chunks[1] = chunks[1].or(Some(chunk)),
+            _ => {}
+        }
+    }
+    let [json, blob] = chunks;
+    let json = json.ok_or("the GLB has no JSON chunk")?;
+    Ok((json, blob.map(Into::into)))
 }
 
-/// Returns the text of a GLB's JSON chunk without byte-order mark and padding. Padding is spaces,
-/// but some programs write NUL, as in the binary chunk.
+/// Returns a JSON text without byte-order mark and padding. Padding is spaces, but some programs
+/// write NUL, as in the binary chunk of a GLB.
 fn without_padding(chunk: &[u8]) -> &[u8] {
     let text = chunk.strip_prefix(b"\xef\xbb\xbf").unwrap_or(chunk);
     let end = text.iter().rposition(|&byte| byte != 0);
@@ -336,6 +384,13 @@ fn push_nodes(
             if raw.has_splats(mesh_index.value(), i) {
                 builder.notes.add(Note::Splats, 1);
                 continue;
+            }
+            let colors = raw.color_targets(mesh_index.value(), i);
+            let messages = &mut builder.notes.messages;
+            if colors.into_iter().any(|it| pose.has_target(it))
+                && !messages.iter().any(|it| it == MORPHED_COLORS)
+            {
+                messages.push(MORPHED_COLORS.into());
             }
             let surface = surfaces.find(primitive.material.map(|material| material.value()));
             push_primitive(primitive, &instances, &pose, surface, buffers, builder)?;

@@ -44,6 +44,11 @@ impl Pose {
         Self { weights, joints }
     }
 
+    /// Returns true if a morph target has a weight.
+    pub(super) fn has_target(&self, index: usize) -> bool {
+        self.weights.get(index).is_some_and(|&weight| weight != 0.0)
+    }
+
     /// Adds the weighted morph targets to positions and normals.
     pub(super) fn apply_morph_targets(
         &self,

@@ -7,7 +7,7 @@ use super::attributes::{Attributes, cofactors};
 use super::material::{GltfMaterial, Mapping};
 use super::pose::Pose;
 use crate::scene::Vertex;
-use ::gltf::json::mesh::{Mode, Primitive};
+use ::gltf::json::mesh::{Mode, Primitive, Semantic};
 use ::gltf::json::validation::Checked;
 use glam::{DAffine3, DVec3, Vec2};
 
@@ -43,7 +43,13 @@ pub(super) fn push_primitive(
     };
     let count = attributes.positions.len();
     let corners: Vec<usize> = match primitive.indices {
-        None => (0..count).collect(),
+        None => {
+            let positions = primitive
+                .attributes
+                .get(&Checked::Valid(Semantic::Positions));
+            let compressed = positions.and_then(|&it| buffers.compressed_corners(it));
+            compressed.unwrap_or_else(|| (0..count).collect())
+        }
         Some(indices) => match buffers.vectors::<1>(indices) {
             Some(indices) => indices.into_iter().map(|[index]| index as usize).collect(),
             None => {

@@ -1,13 +1,16 @@
 //! Parts of the JSON that the `gltf` crate does not keep: node transforms in `f64` (it uses `f32`,
-//! whose steps are a metre at 1e7 m) and further extensions.
+//! whose steps are a metre at 1e7 m) and further extensions. [`read_repaired`] removes defects of
+//! the JSON at which the crate would refuse the whole file.
 
 use super::draco::CompressedPrimitive;
 use super::instances::InstanceAttributes;
 use super::meshopt::CompressedView;
 use glam::{DAffine3, DMat4, DQuat, DVec3};
-use serde::Deserialize;
-use serde::de::IgnoredAny;
+use serde::de::{DeserializeSeed, Error, IgnoredAny, MapAccess, SeqAccess, Visitor};
+use serde::{Deserialize, Deserializer};
+use serde_json::{Map, Value};
 use std::collections::BTreeMap;
+use std::fmt;
 
 /// Name of the property, in a node's extras, with half of the headbox's edge: Blender exports
 /// custom properties of objects there.
@@ -36,8 +39,16 @@ struct RawView {
 
 #[derive(Default, Deserialize)]
 struct ViewExtensions {
-    #[serde(rename = "EXT_meshopt_compression", alias = "KHR_meshopt_compression")]
-    meshopt: Option<CompressedView>,
+    #[serde(rename = "EXT_meshopt_compression")]
+    ext_meshopt: Option<CompressedView>,
+    #[serde(rename = "KHR_meshopt_compression")]
+    khr_meshopt: Option<CompressedView>,
+}
+
+impl ViewExtensions {
+    fn meshopt(&self) -> Option<&CompressedView> {
+        self.khr_meshopt.as_ref().or(self.ext_meshopt.as_ref())
+    }
 }
 
 #[derive(Deserialize)]
@@ -52,6 +63,9 @@ pub(super) struct RawPrimitive {
     pub(super) indices: Option<usize>,
     #[serde(default)]
     pub(super) attributes: BTreeMap<String, usize>,
+    /// Accessors of each morph target.
+    #[serde(default)]
+    targets: Vec<BTreeMap<String, IgnoredAny>>,
     #[serde(default)]
     extensions: PrimitiveExtensions,
 }
@@ -102,7 +116,7 @@ pub(super) struct NodeTransform {
     pub(super) rotation: Option<[f64; 4]>,
     pub(super) scale: Option<[f64; 3]>,
     #[serde(default)]
-    extras: serde_json::Value,
+    extras: Value,
     #[serde(default)]
     extensions: NodeExtensions,
 }
@@ -127,12 +141,25 @@ struct Instancing {
 }
 
 impl RawJson {
+    fn primitive(&self, mesh: usize, primitive: usize) -> Option<&RawPrimitive> {
+        self.meshes.get(mesh)?.primitives.get(primitive)
+    }
+
     /// Returns true if a primitive of a mesh is a cloud of Gaussian splats.
     pub(super) fn has_splats(&self, mesh: usize, primitive: usize) -> bool {
-        let primitives = self.meshes.get(mesh).map(|mesh| &mesh.primitives);
-        primitives
-            .and_then(|primitives| primitives.get(primitive))
+        self.primitive(mesh, primitive)
             .is_some_and(RawPrimitive::has_splats)
+    }
+
+    /// Returns the indices of the morph targets of a primitive that also change colours or texture
+    /// coordinates.
+    pub(super) fn color_targets(&self, mesh: usize, primitive: usize) -> Vec<usize> {
+        let is_read = |name: &String| ["POSITION", "NORMAL", "TANGENT"].contains(&name.as_str());
+        let targets = self.primitive(mesh, primitive).map(|it| &it.targets);
+        let targets = targets.into_iter().flatten().enumerate();
+        targets
+            .filter_map(|(i, target)| (!target.keys().all(is_read)).then_some(i))
+            .collect()
     }
 
     /// Returns true if all primitives of the file are clouds of Gaussian splats.
@@ -140,11 +167,6 @@ impl RawJson {
         let mut primitives = self.meshes.iter().flat_map(|mesh| &mesh.primitives);
         let is_empty = self.meshes.iter().all(|mesh| mesh.primitives.is_empty());
         !is_empty && primitives.all(RawPrimitive::has_splats)
-    }
-
-    /// Parses the JSON of a glTF file.
-    pub(super) fn parse(json: &[u8]) -> Result<Self, serde_json::Error> {
-        serde_json::from_slice(json)
     }
 
     /// Returns the transform of a node; the identity if the file has none.
@@ -183,7 +205,7 @@ impl RawJson {
 
     /// Returns the compressed form of a buffer view, if it has one.
     pub(super) fn compressed_view(&self, index: usize) -> Option<&CompressedView> {
-        self.buffer_views.get(index)?.extensions.meshopt.as_ref()
+        self.buffer_views.get(index)?.extensions.meshopt()
     }
 
     /// Returns true if all views of a buffer have a compressed form in another buffer, so that it
@@ -194,7 +216,7 @@ impl RawJson {
             .iter()
             .filter(|view| view.buffer == buffer)
             .peekable();
-        views.peek().is_some() && views.all(|view| view.extensions.meshopt.is_some())
+        views.peek().is_some() && views.all(|view| view.extensions.meshopt().is_some())
     }
 
     /// Returns the primitives that have a compressed form.
@@ -255,4 +277,147 @@ pub(super) fn compose(
         },
         DVec3::from_array(translation.unwrap_or_default()),
     )
+}
+
+/// Message about files of the first version.
+pub(super) const VERSION_REFUSED: &str =
+    "glTF of version 1.0, which is not read; convert it to glTF 2.0";
+
+/// Reads the JSON of a glTF file without `null` members and without extras, except for
+/// [`HEADBOX_HALF_SIZE`]; both may be of any type. Removes animation channels that move no node.
+///
+/// # Errors
+/// The cause: not JSON, or not version 2.
+pub(super) fn read_repaired(json: &[u8]) -> Result<Value, String> {
+    let mut json = serde_json::Deserializer::from_slice(json);
+    let root = Repair { is_extras: false }.deserialize(&mut json);
+    let root = root.and_then(|root| json.end().map(|()| root));
+    let mut root = root.map_err(|cause| cause.to_string())?;
+    let version = &root["asset"]["version"];
+    let is_first = version.as_str().is_some_and(|it| it.starts_with("1."))
+        || version.as_f64().is_some_and(|it| it < 2.0)
+        || root["meshes"].is_object();
+    if is_first {
+        return Err(VERSION_REFUSED.into());
+    }
+    let scenes = list(&mut root, "scenes").into_iter().flatten();
+    for scene in scenes.filter_map(Value::as_object_mut) {
+        let nodes = scene.entry("nodes");
+        nodes.or_insert_with(|| Value::Array(Vec::new()));
+    }
+    if let Some(animations) = list(&mut root, "animations") {
+        animations.retain_mut(|animation| {
+            if let Some(channels) = list(animation, "channels") {
+                channels.retain(|channel| !channel["target"]["node"].is_null());
+            }
+            animation["channels"].is_array() && animation["samplers"].is_array()
+        });
+    }
+    Ok(root)
+}
+
+fn list<'a>(object: &'a mut Value, name: &str) -> Option<&'a mut Vec<Value>> {
+    object.get_mut(name)?.as_array_mut()
+}
+
+/// Reader of JSON without `null` members and extras. Whole numbers that are written with a fraction
+/// become integers.
+struct Repair {
+    /// True for the extras of an object, of which one member is read at most.
+    is_extras: bool,
+}
+
+impl<'de> DeserializeSeed<'de> for Repair {
+    type Value = Value;
+
+    fn deserialize<D: Deserializer<'de>>(self, json: D) -> Result<Value, D::Error> {
+        json.deserialize_any(self)
+    }
+}
+
+impl<'de> Visitor<'de> for Repair {
+    type Value = Value;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("JSON")
+    }
+
+    fn visit_unit<E: Error>(self) -> Result<Value, E> {
+        Ok(Value::Null)
+    }
+
+    fn visit_bool<E: Error>(self, value: bool) -> Result<Value, E> {
+        Ok(value.into())
+    }
+
+    fn visit_u64<E: Error>(self, value: u64) -> Result<Value, E> {
+        Ok(value.into())
+    }
+
+    fn visit_i64<E: Error>(self, value: i64) -> Result<Value, E> {
+        Ok(value.into())
+    }
+
+    fn visit_f64<E: Error>(self, value: f64) -> Result<Value, E> {
+        const EXACT: f64 = 9_007_199_254_740_992.0; // 2^53
+        let is_whole = value.fract() == 0.0 && (0.0..EXACT).contains(&value);
+        Ok(if is_whole {
+            (value as u64).into()
+        } else {
+            value.into()
+        })
+    }
+
+    fn visit_str<E: Error>(self, value: &str) -> Result<Value, E> {
+        Ok(value.into())
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, mut items: A) -> Result<Value, A::Error> {
+        let mut list = Vec::new();
+        if self.is_extras {
+            while items.next_element::<IgnoredAny>()?.is_some() {}
+            return Ok(Value::Null);
+        }
+        while let Some(item) = items.next_element_seed(Self { is_extras: false })? {
+            list.push(item);
+        }
+        Ok(list.into())
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, mut members: A) -> Result<Value, A::Error> {
+        let mut object = Map::new();
+        while let Some(name) = members.next_key::<String>()? {
+            if self.is_extras && name != HEADBOX_HALF_SIZE {
+                members.next_value::<IgnoredAny>()?;
+                continue;
+            }
+            let is_extras = name == "extras";
+            let value = members.next_value_seed(Self { is_extras })?;
+            let is_kept = if is_extras {
+                value.is_object()
+            } else {
+                !value.is_null()
+            };
+            if is_kept {
+                object.insert(name, value);
+            }
+        }
+        Ok(object.into())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn view_compressed_under_both_names_is_read() {
+        let view = r#"{"buffer":0,"byteLength":9,"byteStride":4,"count":1,"mode":"ATTRIBUTES"}"#;
+        let json = format!(
+            r#"{{"bufferViews":[{{"buffer":1,"extensions":{{"EXT_meshopt_compression":{view},
+            "KHR_meshopt_compression":{view}}}}}]}}"#
+        );
+        let raw: RawJson = serde_json::from_str(&json).expect("both");
+        assert!(raw.compressed_view(0).is_some_and(|view| view.buffer == 0));
+    }
 }

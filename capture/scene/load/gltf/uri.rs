@@ -1,5 +1,8 @@
 //! URIs of glTF: data in the URI, or a file.
 
+use super::super::named_files::find_file;
+use headbox_core::files::InputFolder;
+
 /// Resource of a URI.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum UriTarget {
@@ -9,19 +12,41 @@ pub(super) enum UriTarget {
     Data(Result<Vec<u8>, String>),
 }
 
-/// Resolves a URI.
-pub(super) fn resolve(uri: &str) -> UriTarget {
-    match uri.strip_prefix("data:") {
-        Some(data) => UriTarget::Data(match data.split_once(',') {
-            Some((head, body)) if head.ends_with(";base64") => decode_base64(body),
-            Some((_, body)) => Ok(decode_percent(body)),
-            None => Err("a data URI without a comma".into()),
-        }),
-        None => {
-            let path = uri.strip_prefix("file://").unwrap_or(uri);
-            UriTarget::File(String::from_utf8_lossy(&decode_percent(path)).into_owned())
-        }
+/// Resolves a URI of a file in `folder`.
+pub(super) fn resolve(uri: &str, folder: &InputFolder) -> UriTarget {
+    let (scheme, data) = uri.split_once(':').unwrap_or_default();
+    if !scheme.eq_ignore_ascii_case("data") {
+        let mut names = file_names(uri);
+        let is_there = |name: &String| find_file(name, folder.path(), folder).is_ok();
+        let found = names.iter().skip(1).position(is_there);
+        let found = match found {
+            Some(other) if !is_there(&names[0]) => other + 1,
+            _ => 0,
+        };
+        return UriTarget::File(names.swap_remove(found));
     }
+    UriTarget::Data(match data.split_once(',') {
+        Some((head, body)) if is_base64(head) => decode_base64(&decode_percent(body)),
+        Some((_, body)) => Ok(decode_percent(body)),
+        None => Err("a data URI without a comma".into()),
+    })
+}
+
+/// Returns true if the head of a data URI ends with `;base64`.
+fn is_base64(head: &str) -> bool {
+    let last = head.rsplit_once(';').map(|(_, last)| last.trim());
+    last.is_some_and(|it| it.eq_ignore_ascii_case("base64"))
+}
+
+/// Returns the names that a file of a URI may have, the most likely first: decoded, without query
+/// and fragment, and as it is written.
+fn file_names(uri: &str) -> Vec<String> {
+    let path = uri.strip_prefix("file://").unwrap_or(uri);
+    let decoded = |path: &str| String::from_utf8_lossy(&decode_percent(path)).into_owned();
+    let end = path.find(['?', '#']).unwrap_or(path.len());
+    let mut names = vec![decoded(path), decoded(&path[..end]), path.to_owned()];
+    names.dedup();
+    names
 }
 
 /// Decodes `%41` as `A`; a percent sign without two hexadecimal digits stays.
@@ -45,10 +70,10 @@ fn decode_percent(text: &str) -> Vec<u8> {
 }
 
 /// Decodes base64 (RFC 4648, both alphabets); white space and padding are ignored.
-fn decode_base64(text: &str) -> Result<Vec<u8>, String> {
+fn decode_base64(text: &[u8]) -> Result<Vec<u8>, String> {
     let mut bytes = Vec::with_capacity(text.len() / 4 * 3);
     let (mut bits, mut count) = (0_u32, 0);
-    for (place, character) in text.bytes().enumerate() {
+    for (place, &character) in text.iter().enumerate() {
         let value = match character {
             b'A'..=b'Z' => character - b'A',
             b'a'..=b'z' => character - b'a' + 26,
@@ -85,12 +110,23 @@ mod tests {
             ("Zm9v", "foo"),
             ("Zm9v YmFy", "foobar"),
         ] {
-            assert_eq!(decode_base64(text), Ok(bytes.as_bytes().to_vec()));
+            let decoded = decode_base64(text.as_bytes());
+            assert_eq!(decoded, Ok(bytes.as_bytes().to_vec()));
         }
+        let temporary = tempfile::tempdir().expect("a folder");
+        let folder = InputFolder::new(temporary.path());
+        let resolve = |uri: &str| resolve(uri, &folder);
         assert_eq!(
             resolve("data:application/octet-stream;base64,-_8="),
             UriTarget::Data(Ok(vec![0xfb, 0xff]))
         );
+        for uri in ["DATA:image/png;BASE64,-_8=", "data:;base64,-%5F8%3D"] {
+            assert_eq!(resolve(uri), UriTarget::Data(Ok(vec![0xfb, 0xff])), "{uri}");
+        }
+        for (uri, file) in [("a%20b.png", "a%20b.png"), ("c.png?v=3#x", "c.png")] {
+            std::fs::write(temporary.path().join(file), "").expect("written");
+            assert_eq!(resolve(uri), UriTarget::File(file.into()));
+        }
         assert_eq!(resolve("data:,a%20b"), UriTarget::Data(Ok(b"a b".to_vec())));
         assert!(matches!(resolve("data:;base64,?"), UriTarget::Data(Err(_))));
         assert!(matches!(resolve("data:x"), UriTarget::Data(Err(_))));

@@ -15,12 +15,13 @@ mod tests;
 
 use super::builder::{Builder, GroupedScene};
 use super::notes::{Note, Notes};
+use super::obj::CUTOUT_THRESHOLD;
 use super::orientation::{AxisAreas, FrameHints, comment_words};
 use super::polygon::triangulate;
-use super::textures::{DecodedTextures, Role, TextureTable};
+use super::textures::{DecodedTextures, Role, Slot, TextureTable};
 use super::vertex_colors::VertexColors;
 use super::{LoadError, LoadOptions, SPLATS_REFUSED, file_stem, folder_of};
-use crate::material::Material;
+use crate::material::{Cutout, Material};
 use crate::scene::Vertex;
 use glam::{DVec3, Vec2, Vec3};
 use headbox_core::color::linear_from_srgb;
@@ -59,9 +60,9 @@ pub(super) fn load(
         notes.add(Note::TextureWithoutCoordinates, header.textures.len());
     }
     let textures = table.decode(&mut notes);
-    let images: Vec<Option<u32>> = handles
+    let images: Vec<Option<Slot>> = handles
         .into_iter()
-        .map(|handle| textures.slot(handle).map(|slot| slot.index))
+        .map(|handle| textures.slot(handle))
         .collect();
 
     let mut builder = Builder::with_hints(hints, notes);
@@ -264,16 +265,22 @@ impl Mesh {
     }
 
     /// Returns a material for each image, and one for faces without.
-    fn materials(&self, images: &[Option<u32>]) -> Vec<Material> {
+    fn materials(&self, images: &[Option<Slot>]) -> Vec<Material> {
         let plain = Material::default();
         let is_coloured = !self.vertex_colors.is_empty() || !self.face_colors.is_empty();
-        let material = |image: Option<u32>| Material {
+        let material = |image: Option<Slot>| Material {
             albedo: if is_coloured || image.is_some() {
                 [1.0; 3]
             } else {
                 plain.albedo
             },
-            albedo_texture: image,
+            albedo_texture: image.map(|image| image.index),
+            cutout: image
+                .filter(|image| image.is_cut_at(CUTOUT_THRESHOLD))
+                .map(|image| Cutout {
+                    texture: Some(image.index),
+                    threshold: CUTOUT_THRESHOLD,
+                }),
             ..plain.clone()
         };
         images.iter().copied().chain([None]).map(material).collect()

@@ -121,6 +121,20 @@ fn textures_of_corners_and_vertices_are_mapped() {
 }
 
 #[test]
+fn alpha_of_texture_cuts_holes() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let mut image = image::RgbaImage::from_pixel(2, 1, image::Rgba([255; 4]));
+    image.put_pixel(1, 0, image::Rgba([255, 255, 255, 0]));
+    image.save(folder.path().join("t.png")).expect("written");
+    let text = "ply\nformat ascii 1.0\ncomment TextureFile t.png\nelement vertex 3\n\
+        property float x\nproperty float y\nproperty float z\nproperty float s\n\
+        property float t\nelement face 1\nproperty list uchar int vertex_indices\n\
+        end_header\n0 0 0 0 0\n1 0 0 1 0\n0 1 0 0 1\n3 0 1 2\n";
+    let scene = load_in(folder.path(), text.as_bytes()).expect("loaded");
+    assert!(scene.materials[0].cutout.is_some());
+}
+
+#[test]
 fn face_colours_strips_and_defects_are_read() {
     let head = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\n\
         property float z\nproperty float alpha\n";

@@ -140,40 +140,42 @@ fn read_text(
     let mut last = 0;
     for (line_number, line) in lines(&text) {
         last = line_number;
-        let (word, rest) = keyword(&line);
-        match word.to_ascii_lowercase().as_str() {
-            "vertex" => {
-                let mut numbers = rest.split_whitespace().map(number);
-                let mut next = || numbers.next().flatten();
-                let (Some(x), Some(y), Some(z)) = (next(), next(), next()) else {
-                    let shown: String = line.chars().take(80).collect();
-                    let hint = if has_decimal_comma(rest) {
-                        "; it has a decimal comma: write 0.5 for 0,5"
-                    } else {
-                        ""
+        for statement in statements(&line) {
+            let (word, rest) = keyword(statement);
+            match word.to_ascii_lowercase().as_str() {
+                "vertex" => {
+                    let mut numbers = rest.split_whitespace().map(number);
+                    let mut next = || numbers.next().flatten();
+                    let (Some(x), Some(y), Some(z)) = (next(), next(), next()) else {
+                        let shown: String = statement.chars().take(80).collect();
+                        let hint = if has_decimal_comma(rest) {
+                            "; it has a decimal comma: write 0.5 for 0,5"
+                        } else {
+                            ""
+                        };
+                        let cause = format!("\"{shown}\" is not a vertex: three numbers{hint}");
+                        return Err(error(line_number, cause));
                     };
-                    let cause = format!("\"{shown}\" is not a vertex: three numbers{hint}");
-                    return Err(error(line_number, cause));
-                };
-                let corner = DVec3::new(x, y, z);
-                if !corner.is_finite() {
-                    builder
-                        .notes
-                        .add_numbered(Note::VertexNotFinite, "line", line_number);
+                    let corner = DVec3::new(x, y, z);
+                    if !corner.is_finite() {
+                        builder
+                            .notes
+                            .add_numbered(Note::VertexNotFinite, "line", line_number);
+                    }
+                    corners.push(corner);
                 }
-                corners.push(corner);
-            }
-            "endloop" => {
-                if corners.len() < 3 {
-                    builder.notes.add(Note::FaceTooShort, 1);
-                } else {
-                    push_polygon(&corners, builder).map_err(|error| error.in_file(path))?;
+                "endloop" => {
+                    if corners.len() < 3 {
+                        builder.notes.add(Note::FaceTooShort, 1);
+                    } else {
+                        push_polygon(&corners, builder).map_err(|error| error.in_file(path))?;
+                    }
+                    corners.clear();
                 }
-                corners.clear();
+                "solid" if groups => builder.begin_group(rest),
+                "solid" | "facet" | "outer" | "endfacet" | "endsolid" | "" | "color" => {}
+                _ => builder.notes.add(Note::StlLineUnread, 1),
             }
-            "solid" if groups => builder.begin_group(rest),
-            "solid" | "facet" | "outer" | "endfacet" | "endsolid" | "" | "color" => {}
-            _ => builder.notes.add(Note::StlLineUnread, 1),
         }
     }
     if !corners.is_empty() {
@@ -181,6 +183,41 @@ fn read_text(
         return Err(error(last, cause));
     }
     Ok(())
+}
+
+/// Splits a line of the ASCII form before each keyword; the name of a solid ends before `facet
+/// normal`. A line that does not begin with a keyword is not split.
+fn statements(line: &str) -> impl Iterator<Item = &str> {
+    let mut rest = line;
+    std::iter::from_fn(move || {
+        let end = next_keyword(rest).unwrap_or(rest.len());
+        let (statement, after) = rest.split_at(end);
+        rest = after;
+        (!statement.is_empty()).then(|| statement.trim_end())
+    })
+}
+
+/// Returns the place of the second keyword in a text that begins with one.
+fn next_keyword(text: &str) -> Option<usize> {
+    const KEYWORDS: [&str; 7] = [
+        "vertex", "endloop", "endfacet", "facet", "outer", "solid", "endsolid",
+    ];
+    let is_any = |word: &str, of: &[&str]| of.iter().any(|it| word.eq_ignore_ascii_case(it));
+    let first = keyword(text).0;
+    if !is_any(first, &KEYWORDS) {
+        return None;
+    }
+    let is_name = is_any(first, &["solid", "endsolid"]);
+    let spaces = text.match_indices(char::is_whitespace);
+    let mut words = spaces.map(|(at, space)| at + space.len());
+    words.find(|&at| {
+        let (word, after) = keyword(&text[at..]);
+        if is_name {
+            is_any(word, &["facet"]) && is_any(keyword(after).0, &["normal"])
+        } else {
+            is_any(word, &KEYWORDS)
+        }
+    })
 }
 
 fn push_polygon(corners: &[DVec3], builder: &mut Builder) -> Result<(), MeshError> {

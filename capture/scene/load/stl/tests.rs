@@ -38,7 +38,8 @@ fn load_bytes(bytes: &[u8]) -> Result<Scene, String> {
 #[test]
 fn both_forms_are_read() {
     let upper = ASCII.to_uppercase().replace('\n', "\r\n");
-    for text in [ASCII, &upper] {
+    let one_line = ASCII.replace('\n', " ");
+    for text in [ASCII, &upper, &one_line] {
         let scene = load_bytes(text.as_bytes()).expect("loads");
         assert_eq!(scene.corners(0)[2], dvec3(0.0, 1.0, 0.0));
         assert_eq!((scene.triangles.len(), scene.summary.notes.len()), (1, 0));
