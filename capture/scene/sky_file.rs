@@ -51,7 +51,11 @@ type Texels = ([u32; 2], Vec<[f32; 3]>);
 
 /// Reads a Radiance picture, whose header may state factors that its texels were multiplied by.
 pub(super) fn read_hdr(path: &Path) -> Result<Texels, String> {
-    let bytes = memory::read_file(path).map_err(|error| error.to_string())?;
+    let mut bytes = memory::read_file(path).map_err(|error| error.to_string())?;
+    if let Some(rest) = bytes.strip_prefix(b"#?RGBE") {
+        // HDRShop's signature, which the decoder does not know.
+        bytes = [b"#?RADIANCE", rest].concat();
+    }
     let picture = codec::decode(&bytes, Some(path), codec::MAX_BYTES)
         .map_err(|error| error.to_string())?
         .image
@@ -134,6 +138,16 @@ pub(super) fn read_exr(path: &Path) -> Result<Texels, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn signature_of_hdrshop_is_known() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("sky.hdr");
+        let mut bytes = b"#?RGBE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 2\n".to_vec();
+        bytes.extend([128, 128, 128, 129].repeat(2));
+        std::fs::write(&path, bytes).unwrap();
+        assert_eq!(read_hdr(&path), Ok(([2, 1], vec![[1.0; 3]; 2])));
+    }
 
     #[test]
     fn factors_of_header_are_multiplied() {
