@@ -317,6 +317,21 @@ fn a_damaged_capture_is_refused_and_named() {
 }
 
 #[test]
+fn info_says_why_rooms_are_not_split() {
+    let dir = tempfile::tempdir().unwrap();
+    let info = |split: &str| {
+        let command = "capture builtin:interior -o room.ldi --face-size 64 --strata 4 --rays 4 --light-samples 0";
+        let arguments: Vec<&str> = command.split(' ').chain(["--split", split]).collect();
+        succeeds(dir.path(), &arguments);
+        succeeds(dir.path(), &["info", "room.ldi"])
+    };
+    let why = "not split near and far";
+    let told = info("auto");
+    assert!(told.contains("  planes ") && told.contains(why), "{told}");
+    assert!(!info("1.5").contains(why));
+}
+
+#[test]
 fn every_command_prints_json() {
     let dir = tempfile::tempdir().unwrap();
     let captured: serde_json::Value =

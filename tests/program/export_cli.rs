@@ -292,7 +292,12 @@ fn exports_meet_their_budgets() {
             "9",
             "--gaussians is for .glb and .ply files",
         ),
-        ("x.html", "--mb", "9", "--mb is for .glb and .ply files"),
+        (
+            "x.html",
+            "--mb",
+            "9",
+            "--mb is for .glb and .ply files; for a smaller page",
+        ),
     ] {
         fails(
             dir.path(),

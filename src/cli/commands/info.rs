@@ -11,6 +11,7 @@ use anyhow::Context;
 use clap::Args;
 use headbox_core::bounces::Bounces;
 use headbox_core::container::Container;
+use headbox_core::cube_face::Face;
 use headbox_core::file_frame::{figure, triple};
 use headbox_cube::pack::file::CUBE_LDI;
 use headbox_cube::pack::{CubeLdi, SegmentSide};
@@ -115,10 +116,7 @@ impl InfoCommand {
             "  exposure    {stops:.2} stops ({}); {}",
             info.light.exposure, info.tone
         );
-        for (face, missing) in headbox_core::cube_face::Face::ALL
-            .iter()
-            .zip(info.missing_estimate)
-        {
+        for (face, missing) in Face::ALL.iter().zip(info.missing_estimate) {
             if let Some(missing) = missing {
                 println!(
                     "  {}          next ray new with probability {missing:.4}",
@@ -162,6 +160,11 @@ impl InfoCommand {
                 set.error_px,
                 set.bytes()
             );
+            if cube.segments.len() <= Face::ALL.len() {
+                println!(
+                    "              faces are not split near and far, which gains nothing beside planes"
+                );
+            }
         }
         if self.check {
             println!("ok: every promise of the layout holds");

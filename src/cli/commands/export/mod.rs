@@ -101,7 +101,7 @@ impl ExportCommand {
             if given && !endings.iter().any(|wanted| ending == *wanted) {
                 let is_page = name == "--mb" && ending == "html";
                 let advice = if is_page {
-                    "; a page is about as large as its file: for a smaller one, capture with a smaller --face-size"
+                    "; for a smaller page, capture with a smaller --face-size"
                 } else {
                     ""
                 };
