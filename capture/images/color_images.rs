@@ -2,7 +2,6 @@
 
 use super::ImagesError;
 use super::depth::extension;
-use glam::Vec3;
 use headbox_core::color::srgb8_from_linear;
 use headbox_core::image::codec::{self, MAX_PIXELS};
 use headbox_core::image::exr_channels::ExrParts;
@@ -185,13 +184,8 @@ fn read_exr(path: &Path) -> Result<ColorPicture, ImagesError> {
         }
     });
     decoded.map_err(failed)?;
-    if let Some(matrix) = parts.rec709_from_file(channels[0]) {
-        let matrix = matrix.as_mat3();
-        for pixel in &mut light {
-            let color = matrix * Vec3::from_slice(&pixel[..3]);
-            pixel[..3].copy_from_slice(&color.to_array());
-        }
-    }
+    let colors = light.iter_mut().filter_map(|it| it.first_chunk_mut());
+    parts.convert_to_rec709(channels[0], colors);
     Ok((width, height, light.into_iter().map(from_linear).collect()))
 }
 
@@ -206,7 +200,9 @@ mod tests {
         let path = folder.path().join("a.exr");
         // Rec. 709 red in ACES 2065-1, half covered.
         let red = (0.2199_f32, 0.0449_f32, 0.0088_f32, 0.5_f32);
-        let mut image = Image::from_channels((1, 1), SpecificChannels::rgba(|_| red));
+        let infinite = (f32::INFINITY, f32::INFINITY, f32::INFINITY, 1.0);
+        let color = |at: Vec2<usize>| if at.x() == 0 { red } else { infinite };
+        let mut image = Image::from_channels((2, 1), SpecificChannels::rgba(color));
         image.attributes.chromaticities = Some(exr::meta::attribute::Chromaticities {
             red: Vec2(0.7347, 0.2653),
             green: Vec2(0.0, 1.0),
@@ -217,5 +213,6 @@ mod tests {
         let (_, _, pixels) = read_color(&path).expect("a picture");
         let [r, g, b, a] = pixels[0];
         assert!(r >= 254 && g < 16 && b < 16 && a == 128, "{:?}", pixels[0]);
+        assert_eq!(pixels[1], [255; 4]);
     }
 }

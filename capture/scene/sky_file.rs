@@ -1,6 +1,5 @@
 //! Reader of the texels of a sky: `.hdr` of Radiance and `.exr`.
 
-use glam::Vec3;
 use headbox_core::image::codec;
 use headbox_core::image::exr_channels::ExrParts;
 use headbox_core::memory;
@@ -124,14 +123,7 @@ pub(super) fn read_exr(path: &Path) -> Result<Texels, String> {
         }
     });
     decoded.map_err(|error| error.to_string())?;
-    if let Some(matrix) = parts.rec709_from_file(r) {
-        let matrix = matrix.as_mat3();
-        // Infinite ones would become NaN.
-        let finite = texels
-            .iter_mut()
-            .filter(|it| it.iter().all(|c| c.is_finite()));
-        finite.for_each(|texel| *texel = (matrix * Vec3::from(*texel)).to_array());
-    }
+    parts.convert_to_rec709(r, texels.iter_mut());
     Ok(([width, height], texels))
 }
 

@@ -41,7 +41,8 @@ pub(super) fn find_file(
     Err(refusal.map_or_else(|| "no such file".into(), |refusal| refusal.to_string()))
 }
 
-/// Returns a test for names that differ from that written in case, Unicode normalization or encoding alone.
+/// Returns a test for names that differ from that written in case, Unicode normalization or
+/// encoding alone.
 fn accept_spellings(written: &str) -> impl Fn(&OsStr) -> bool + use<> {
     let mut wanted: BTreeSet<String> = respellings(written)
         .iter()

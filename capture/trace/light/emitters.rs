@@ -2,9 +2,9 @@
 //! by rays of a path that hit one.
 //!
 //! Both are combined by the balance heuristic, as for the sky ([`super::sky`]): a sampled point
-//! then never contributes more than the lamp's radiance (six times that with guided and aimed rays),
-//! however close the lit point is, where points alone would be rare and thousands of times too
-//! bright.
+//! then never contributes more than the lamp's radiance (six times that with guided and aimed
+//! rays), however close the lit point is, where points alone would be rare and thousands of times
+//! too bright.
 
 use super::guide::Directions;
 use super::light_tree::{Leaf, LightTree};

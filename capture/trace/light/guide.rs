@@ -225,8 +225,8 @@ impl Lighting {
         self
     }
 
-    /// Finds reflectors and trains the guide at given points. `progress` receives the number of training paths traced
-    /// and their maximum; after a `Break` there is no guide.
+    /// Finds reflectors and trains the guide at given points. `progress` receives the number of
+    /// training paths traced and their maximum; after a `Break` there is no guide.
     pub fn learn(
         &mut self,
         tracer: &Tracer,

@@ -205,7 +205,8 @@ impl Lighting {
         let point = path.point;
         let direction = aim.direction;
         let cos = direction.dot(point.shading_normal);
-        // A ray may be below the geometric surface about a tilted shading normal, or be aimed there.
+        // A ray may be below the geometric surface about a tilted shading normal, or be aimed
+        // there.
         if direction.dot(point.normal) <= 0.0 || aim.is_aimed() && cos <= 0.0 {
             return None;
         }

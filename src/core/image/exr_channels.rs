@@ -13,7 +13,7 @@ use exr::meta::MetaData;
 use exr::meta::attribute::{Chromaticities, SampleType};
 use exr::meta::header::Header;
 use exr::prelude::f16;
-use glam::{DMat3, DVec3};
+use glam::{DMat3, DVec3, Vec3};
 use std::fs::File;
 use std::io::BufReader;
 use std::ops::Range;
@@ -181,12 +181,6 @@ impl ExrParts {
     /// Width and height of the first part, pixels.
     pub fn first_size_px(&self) -> [u32; 2] {
         self.0[0].size_px
-    }
-
-    /// Returns the conversion of the colours of a channel's part to the primaries of Rec. 709, if
-    /// they have others.
-    pub fn rec709_from_file(&self, of: ExrChannel) -> Option<DMat3> {
-        self.0[of.part].rec709_from_file
     }
 
     /// Returns true if a channel has half floats.
@@ -359,6 +353,22 @@ impl ExrParts {
         let [width, height] = self.size_px(of);
         let pixels = u64::from(width) * u64::from(height);
         Ok(memory::reserve(bytes_per_pixel * pixels)?)
+    }
+
+    /// Converts linear colours of a channel's part to the primaries of Rec. 709. Those that are not
+    /// finite stay: products with infinity would not be numbers.
+    pub fn convert_to_rec709<'a>(
+        &self,
+        of: ExrChannel,
+        colors: impl Iterator<Item = &'a mut [f32; 3]>,
+    ) {
+        let Some(matrix) = self.0[of.part].rec709_from_file else {
+            return;
+        };
+        let matrix = matrix.as_mat3();
+        for color in colors.filter(|it| it.iter().all(|c| c.is_finite())) {
+            *color = (matrix * Vec3::from(*color)).to_array();
+        }
     }
 
     /// Decodes channels of one part. `on_row` gets the position of a channel in `channels`, the
