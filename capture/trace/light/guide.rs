@@ -480,6 +480,7 @@ fn blur(values: &[f32; BINS * BINS]) -> [f32; BINS * BINS] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::light::path::LAST_GUIDED_BOUNCE;
     use crate::light::tests::{add_quad, lit_point};
     use glam::{DVec3, dvec3};
     use headbox_scene::material::Material;
@@ -592,17 +593,20 @@ mod tests {
     }
 
     #[test]
-    fn weights_of_long_paths_are_bounded() {
+    fn later_bounces_are_not_guided() {
         let tracer = tracer(room(white_sky()));
         let mut lighting = Lighting::unmetered(&tracer, Bounces::Full).guided(&tracer);
-        lighting.bounces = Bounces::Exactly(20);
         let floor = lit_point(Vec3::new(-0.5, -2.0, -0.7), Vec3::Y, 2.0);
         let mut is_guided = false;
         for index in 0..4096 {
-            let mut path = Path::new(&floor);
-            lighting.follow(&tracer, &mut path, 0, &LightSample { stream: 7, index });
-            is_guided |= path.weight != 1.0;
-            assert!(path.weight <= 64.0 * 1.001, "{}", path.weight);
+            let [short, long] = [LAST_GUIDED_BOUNCE + 1, 20].map(|bounces| {
+                lighting.bounces = Bounces::Exactly(bounces);
+                let mut path = Path::new(&floor);
+                lighting.follow(&tracer, &mut path, 0, &LightSample { stream: 7, index });
+                path.weight
+            });
+            is_guided |= short != 1.0;
+            assert_eq!(short, long, "path {index}");
         }
         assert!(is_guided);
     }

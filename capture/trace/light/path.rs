@@ -15,7 +15,7 @@ const ROULETTE_THROUGHPUT: f32 = 0.25;
 
 /// Number of the last bounce whose ray is guided. Guided rays weigh up to four, and the product of
 /// their weights over many bounces would vary without bound.
-const LAST_GUIDED_BOUNCE: u32 = 2;
+pub(super) const LAST_GUIDED_BOUNCE: u32 = 2;
 
 /// Number of random decisions at each vertex of a path: sun, emitter, direction, survival.
 const DECISIONS: u32 = 4;
