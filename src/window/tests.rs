@@ -23,7 +23,8 @@ use headbox_sprite::{DisplacementFormat, SlabCapture, SpriteSet, capture_slabs, 
 use headbox_trace::bvh::Tracer;
 use headbox_trace::light::Lighting;
 use headbox_viewer::{
-    Control, FrameReport, FrameRequest, FrameSource, Navigation, Pose, Refinement, SettingValues,
+    Control, FrameReport, FrameRequest, FrameSource, HeadboxRequest, Navigation, Pose, Refinement,
+    SettingValues,
 };
 use std::path::Path;
 use std::sync::Arc;
@@ -150,6 +151,26 @@ fn live_capture_saves_and_compares() {
         "FLIP {flip}, PSNR {psnr_db} dB"
     );
     assert!(judged != plain);
+}
+
+#[test]
+fn captured_place_is_shown_and_not_captured_again() {
+    let mut source = open("builtin:miniature").unwrap();
+    first_round(&mut *source);
+    let bounds = source.bounds().unwrap();
+    let half_size_m = bounds.half_size.x;
+    let mut capture = |centre: DVec3| {
+        let request = HeadboxRequest::Capture {
+            centre,
+            half_size_m,
+        };
+        let said = source.request_headbox(request).unwrap();
+        (said, source.headboxes().unwrap().bounds.len())
+    };
+    let (said, count) = capture(bounds.centre);
+    assert!(said.contains("captured already") && count == 1, "{said}");
+    let (said, count) = capture(bounds.centre + DVec3::X * half_size_m);
+    assert!(said.starts_with("Capturing") && count == 2, "{said}");
 }
 
 #[test]
