@@ -11,7 +11,7 @@ use super::{CameraGrid, DisparityLayer, GridParts, Lumigraph, LumigraphInfo, Pic
 use crate::make::slabs::{MAX_SLABS, Slabs};
 use glam::{DMat3, DVec3};
 use headbox_core::container::{Container, ContainerWriter, FileError, FileKind, Section};
-use headbox_cube::pack::file::read_environment;
+use headbox_core::environment::Environment;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -152,7 +152,8 @@ impl Slabs {
         [&geometry, &layers, &color, &index]
             .into_iter()
             .try_for_each(Section::end)?;
-        let environment = read_environment(file.section("environment")?, environment_size_px)?;
+        let environment =
+            Environment::from_section(file.section("environment")?, environment_size_px)?;
         (slabs[0].info, slabs[0].environment) = (info, environment);
         Self::new(slabs).map_err(|e| info_section.damaged("light slabs", e.to_string()))
     }
@@ -181,9 +182,7 @@ fn write(slabs: &[&Lumigraph], path: &Path) -> Result<(), FileError> {
         let layers = slabs.iter().flat_map(|slab| slab.layers());
         Ok(bytemuck::cast_slice(&layers.map(DisparityLayer::range).collect::<Vec<_>>()).to_vec())
     });
-    writer.section("environment", || {
-        Ok(bytemuck::cast_slice(&first.environment.texels).to_vec())
-    });
+    writer.section("environment", || first.environment.to_section());
     writer.section("color", || {
         let pictures = slabs.iter().flat_map(|slab| slab.pictures());
         Ok(pictures

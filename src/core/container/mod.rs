@@ -54,15 +54,15 @@ pub struct FileKind {
 
 impl FileKind {
     /// `.ldi`
-    pub const CUBE_LDI: Self = Self::new(*b"cldi", "cube LDI", 1, 2);
+    pub const CUBE_LDI: Self = Self::new(*b"cldi", "cube LDI", 1, 3);
     /// `.shard`
     pub const SHARD: Self = Self::new(*b"shrd", "capture shard", 1, 1);
     /// `.sprite`
-    pub const SPRITES: Self = Self::new(*b"sprt", "sprite", 1, 1);
+    pub const SPRITES: Self = Self::new(*b"sprt", "sprite", 1, 2);
     /// `.house`
     pub const HOUSE: Self = Self::new(*b"hous", "house", 1, 3);
     /// `.lumi`
-    pub const LUMIGRAPH: Self = Self::new(*b"lumi", "lumigraph", 1, 1);
+    pub const LUMIGRAPH: Self = Self::new(*b"lumi", "lumigraph", 1, 2);
     /// Cached ray-traced frames of reports.
     pub const TRUTH: Self = Self::new(*b"trth", "truth frame", 1, 1);
     /// Cached samples of depth images.
@@ -96,6 +96,9 @@ impl FileKind {
 
 /// Suggests how a foreign file can be used.
 fn advice_for(path: &Path) -> String {
+    // The file is written to the current folder: that of the scene may be read-only.
+    let output =
+        |extension| PathBuf::from(path.file_name().unwrap_or_default()).with_extension(extension);
     let ending = path
         .extension()
         .unwrap_or_default()
@@ -103,19 +106,17 @@ fn advice_for(path: &Path) -> String {
         .to_lowercase();
     match ending.as_str() {
         scene if SCENES.contains(&scene) => {
-            let ldi = path.with_extension("ldi");
             format!(
                 "it is a scene: capture it first, with headbox capture {} -o {}",
                 path.display(),
-                ldi.display()
+                output("ldi").display()
             )
         }
         home if HOMES.contains(&home) => {
-            let house = path.with_extension("house");
             format!(
                 "it is a home: convert it first, with headbox house {} -o {}",
                 path.display(),
-                house.display()
+                output("house").display()
             )
         }
         _ => {
@@ -490,6 +491,11 @@ impl Section {
     /// Creates the error of a damaged section.
     pub fn damaged(&self, expected: impl Into<String>, found: impl Into<String>) -> FileError {
         damaged(&self.path, &self.name, expected, found)
+    }
+
+    /// Returns the bytes that have not been read.
+    pub fn rest(&self) -> &[u8] {
+        &self.bytes[self.at..]
     }
 
     /// Reads the next `count` values; their length is checked before memory is allocated.

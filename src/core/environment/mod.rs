@@ -1,5 +1,6 @@
 //! Environment at infinity, sampled by direction; `lanes` samples sixteen adjacent pixels at once.
 
+mod file;
 mod lanes;
 
 use crate::cube_face::{Face, MAX_FACE_SIZE_PX};

@@ -1,13 +1,14 @@
 //! The `.ldi` file: a packed cube LDI.
 //!
 //! Sections: `info` (JSON: the [`CaptureInfo`], face size, splat-index layout and a header per
-//! segment), `environment` (texels), and for each segment with samples one section named after its
-//! face and side, e.g. `+X far`: row offsets, row counts, depth pixels, as they lie in memory.
+//! segment), `environment` (a PNG; bare texels before version 3), and for each segment with samples
+//! one section named after its face and side, e.g. `+X far`: row offsets, row counts, depth pixels,
+//! as they lie in memory.
 //!
-//! Cubes without plane textures are written as version 1, others as version 2. In version 2 the row
-//! counts are run-length encoded ([`super::runs`]), and three sections are added: `planes`
-//! ([`Plane`]), `tiles` ([`PlaneTile`]), and `texels`: three bytes of colour for each texel of all
-//! tiles, then a byte of alpha for each texel of the tiles that are not opaque.
+//! In cubes with plane textures (since version 2) the row counts are run-length encoded
+//! ([`super::runs`]), and three sections are added: `planes` ([`Plane`]), `tiles` ([`PlaneTile`]),
+//! and `texels`: three bytes of colour for each texel of all tiles, then a byte of alpha for each
+//! texel of the tiles that are not opaque.
 
 use super::plane_set::PlaneSet;
 use super::planes::{Plane, PlaneTile};
@@ -129,15 +130,9 @@ impl CubeLdi {
     pub fn write(&self, path: &Path) -> Result<(), FileError> {
         let header = self.header();
         let has_planes = !self.planes.tiles.is_empty();
-        let kind = FileKind {
-            version: if has_planes { 2 } else { 1 },
-            ..CUBE_LDI
-        };
-        let mut writer = ContainerWriter::new(kind);
+        let mut writer = ContainerWriter::new(CUBE_LDI);
         writer.section("info", move || Ok(serde_json::to_vec(&header)?));
-        writer.section("environment", || {
-            Ok(bytemuck::cast_slice(&self.environment.texels).to_vec())
-        });
+        writer.section("environment", || self.environment.to_section());
         for segment in &self.segments {
             let name = segment_name(segment.face, segment.side == SegmentSide::Near);
             writer.section(name, move || Ok(segment_bytes(segment, has_planes)));
@@ -164,7 +159,7 @@ impl CubeLdi {
         let header: CubeHeader = info_section.json()?;
         header.check(&info_section)?;
         let environment =
-            read_environment(file.section("environment")?, header.environment_size_px)?;
+            Environment::from_section(file.section("environment")?, header.environment_size_px)?;
         let mut segments = Vec::with_capacity(header.segments.len());
         for segment in &header.segments {
             let face = segment.face(&info_section)?;
@@ -285,17 +280,6 @@ fn segment_bytes(segment: &PackedSegment, in_runs: bool) -> Vec<u8> {
 fn environment_texel_count(size_px: u32) -> usize {
     let size = size_px as usize;
     size.saturating_mul(size).saturating_mul(6)
-}
-
-/// Reads and validates an environment from its section.
-pub fn read_environment(mut section: Section, size_px: u32) -> Result<Environment, FileError> {
-    let texels = section.array(environment_texel_count(size_px))?;
-    section.end()?;
-    let environment = Environment { size_px, texels };
-    environment
-        .validate()
-        .map_err(|error| section.damaged("an environment", error.to_string()))?;
-    Ok(environment)
 }
 
 /// Serialises the colours of all texels, then the alphas of the tiles that are not opaque.

@@ -1,7 +1,7 @@
 //! The `.sprite` file: one or many sprites with depth.
 //!
 //! Sections: `info` (JSON: the [`SpriteInfo`], the size of the environment and a header per
-//! sprite), `environment` (texels as in `.ldi` files), `geometry` (18 `f64` per sprite: eye,
+//! sprite), `environment` (as in `.ldi` files), `geometry` (18 `f64` per sprite: eye,
 //! rotation by columns, focal length, plane, displacement scale), `color` (RGBA8, straight alpha)
 //! and `depth` (stored displacements), both sprite after sprite, row-major.
 
@@ -13,7 +13,7 @@ use crate::{
 use glam::{DMat3, DVec3};
 use headbox_core::camera::{Camera, CameraError};
 use headbox_core::container::{Container, ContainerWriter, FileError, FileKind, Section};
-use headbox_cube::pack::file::read_environment;
+use headbox_core::environment::Environment;
 use image::RgbaImage;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -55,9 +55,7 @@ impl SpriteSet {
         };
         let mut writer = ContainerWriter::new(SPRITE_FILE);
         writer.section("info", move || Ok(serde_json::to_vec(&header)?));
-        writer.section("environment", || {
-            Ok(bytemuck::cast_slice(&self.environment.texels).to_vec())
-        });
+        writer.section("environment", || self.environment.to_section());
         writer.section("geometry", move || {
             Ok(bytemuck::cast_slice(&sprites().flat_map(geometry).collect::<Vec<f64>>()).to_vec())
         });
@@ -94,7 +92,8 @@ impl SpriteSet {
                 info.frame.unit_m.to_string(),
             ));
         }
-        let environment = read_environment(file.section("environment")?, environment_size_px)?;
+        let environment =
+            Environment::from_section(file.section("environment")?, environment_size_px)?;
         let [mut geometry, mut color, mut depth] = [
             file.section("geometry")?,
             file.section("color")?,

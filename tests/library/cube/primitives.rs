@@ -12,6 +12,7 @@ use headbox_core::metrics::compare;
 use headbox_core::random::Rng;
 use headbox_core::simd;
 use headbox_cube::model::samples::{CubeSamples, DepthPixel};
+use headbox_cube::pack::file::CUBE_LDI;
 use headbox_cube::pack::{CubeLdi, Plane, PlaneSet, PlaneTile, SplatIndexLayout, Split};
 use headbox_cube::planes::{Bound, DEFAULT_ERROR_PX, choose, pack, pack_keeping_all_textures};
 use headbox_cube::render::footprint::splat::SplatKernel;
@@ -546,12 +547,12 @@ fn texture_files_round_trip() {
     assert!(!cube.planes.tiles.is_empty());
     cube.write(&path).expect("written");
     let bytes = std::fs::read(&path).expect("read");
-    assert_eq!(bytes[12..16], 2u32.to_le_bytes());
+    assert_eq!(bytes[12..16], CUBE_LDI.version.to_le_bytes());
     assert_eq!(CubeLdi::read(&path).expect("read"), cube);
     let all = CubeLdi::pack(&ldi, SplatIndexLayout::Normal, Split::Auto).expect("packs");
     all.write(&path).expect("written");
     let larger = std::fs::read(&path).expect("read");
-    assert_eq!(larger[12..16], 1u32.to_le_bytes());
+    assert_eq!(larger[12..16], CUBE_LDI.version.to_le_bytes());
     assert_eq!(CubeLdi::read(&path).expect("read"), all);
     assert!(
         bytes.len() < larger.len(),
