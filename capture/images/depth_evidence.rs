@@ -490,6 +490,57 @@ mod tests {
     }
 
     #[test]
+    fn distance_along_ray_recognised_in_formats_of_depth_along_axis() {
+        for is_ray in [false, true] {
+            let temporary = tempfile::tempdir().expect("a folder");
+            let folder = temporary.path();
+            room(folder, 3, 1000.0, is_ray, &json!({}));
+            let text = std::fs::read_to_string(folder.join("transforms.json")).expect("read");
+            let room: serde_json::Value = serde_json::from_str(&text).expect("JSON");
+            std::fs::remove_file(folder.join("transforms.json")).expect("removed");
+            // As ScanNet lays out its sequences; its cameras look along +Z.
+            for name in ["color", "depth", "pose", "intrinsic"] {
+                std::fs::create_dir(folder.join(name)).expect("made");
+            }
+            for (i, frame) in room["frames"]
+                .as_array()
+                .expect("a list")
+                .iter()
+                .enumerate()
+            {
+                let entry = |row: usize, column: usize| {
+                    let entry = frame["transform_matrix"][row][column]
+                        .as_f64()
+                        .expect("a number");
+                    if row < 3 && (column == 1 || column == 2) {
+                        -entry
+                    } else {
+                        entry
+                    }
+                };
+                let row = |k: usize| {
+                    [0, 1, 2, 3]
+                        .map(|column| entry(k, column).to_string())
+                        .join(" ")
+                };
+                let pose = [0, 1, 2, 3].map(row).join("\n");
+                std::fs::write(folder.join(format!("pose/{i}.txt")), pose).expect("written");
+                let color = image::open(folder.join(format!("{i}.png"))).expect("read");
+                color
+                    .save(folder.join(format!("color/{i}.jpg")))
+                    .expect("written");
+                let depth = folder.join(format!("depth/{i}.png"));
+                std::fs::rename(folder.join(format!("d{i}.png")), depth).expect("moved");
+            }
+            let camera = format!("{FOCAL} 0 48 0\n0 {FOCAL} 36 0\n0 0 1 0\n0 0 0 1\n");
+            std::fs::write(folder.join("intrinsic/intrinsic_color.txt"), camera).expect("written");
+            let set = ImageSet::open(folder, &ImageSetOptions::default()).expect("opens");
+            let notes = set.notes.join("\n");
+            assert_eq!(notes.contains("distance along the ray"), is_ray, "{notes}");
+        }
+    }
+
+    #[test]
     fn usual_units_recognised() {
         let right = examined(5, 1000.0, false, &json!({})).1;
         for (steps, is_ray) in [

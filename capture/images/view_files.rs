@@ -39,8 +39,13 @@ impl View {
             .resampled(size_px, false);
         let mut picture = fitted.ok_or_else(|| {
             let [w, h] = size_px;
+            let window = match crate::depth::extension(&source.path).as_str() {
+                "exr" => " (its display window)",
+                _ => "",
+            };
             let cause = format!(
-                "is {}x{} pixels, but its image is {w}x{h}; depth of another resolution must have the image's proportions",
+                "is {}x{} pixels{window}, but its image is {w}x{h}; depth of another resolution must have the image's \
+                 proportions",
                 size[0], size[1]
             );
             ImagesError::invalid_picture(&source.path, cause)

@@ -158,6 +158,10 @@ fn tiff_of_more_bits_than_the_image_decoder_reads() {
         .expect("written");
     check("16-bit integers");
     create()
+        .write_image::<colortype::GrayI16>(3, 2, &mm.map(|mm| mm as i16))
+        .expect("written");
+    check("signed 16-bit integers");
+    create()
         .write_image::<colortype::RGB32Float>(1, 2, &DEPTHS)
         .expect("written");
     assert!(read(&path, &FORMAT).is_err(), "colours");

@@ -1,5 +1,5 @@
-//! Reader of grey TIFF files with 32 or 64 bits, or floating-point numbers, which the image decoder
-//! lacks.
+//! Reader of grey TIFF files with 32 or 64 bits, signed or floating-point numbers, which the image
+//! decoder lacks.
 
 use super::{StoredDepth, StoredValues};
 use crate::ImagesError;
@@ -15,8 +15,8 @@ use tiff::{ColorType, TiffError};
 /// Largest number of bytes that a byte of a compressed file can hold.
 const MAX_COMPRESSION: u64 = 4096;
 
-/// Reads a grey file of more than 16 bits, or of 16-bit floating-point numbers; `None` if it is of
-/// another kind.
+/// Reads a grey file of more than 16 bits, or of 16 bits that are not unsigned integers; `None` if
+/// it is of another kind.
 pub(super) fn read(path: &Path) -> Result<Option<StoredDepth>, ImagesError> {
     let bad = |cause: String| ImagesError::invalid_picture(path, cause);
     let failed = |error: TiffError| match error {
@@ -31,10 +31,10 @@ pub(super) fn read(path: &Path) -> Result<Option<StoredDepth>, ImagesError> {
         ColorType::Gray(bits @ (16 | 32 | 64)) => bits,
         _ => return Ok(None),
     };
-    // SampleFormat 3 is floating-point.
+    // Signed integers and floating-point numbers.
     let formats = decoder.find_tag_unsigned_vec::<u16>(Tag::SampleFormat);
-    let is_float = formats.map_err(failed)?.is_some_and(|it| it.contains(&3));
-    if bits == 16 && !is_float {
+    let formats = formats.map_err(failed)?.unwrap_or_default();
+    if bits == 16 && !formats.iter().any(|format| [2, 3].contains(format)) {
         return Ok(None);
     }
     let pixels = u64::from(width) * u64::from(height);
@@ -78,6 +78,13 @@ pub(super) fn read(path: &Path) -> Result<Option<StoredDepth>, ImagesError> {
                 .map(|value| value.max(0) as u32)
                 .collect(),
         ),
+        DecodingResult::I16(values) => StoredValues::Integers {
+            values: values
+                .into_iter()
+                .map(|value| value.max(0).unsigned_abs().into())
+                .collect(),
+            bits: 15,
+        },
         DecodingResult::U64(values) => integers(values.into_iter().map(wide).collect()),
         DecodingResult::I64(values) => integers(
             values

@@ -1,8 +1,9 @@
 //! Paths in the files of a set.
 
 use crate::ImagesError;
-use headbox_core::files::{InputFolder, Refusal, find_similar};
+use headbox_core::files::{InputFolder, Refusal, find_similar, fold_name};
 use std::ffi::OsStr;
+use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Resolves a path in a manifest relative to the manifest's folder. Backslashes are separators if
@@ -47,19 +48,20 @@ pub(super) fn resolve_in(
     }
 }
 
-/// Finds `base/written`, or else the file that differs in separators and case alone.
+/// Finds `base/written`, or else the file that differs in separators, case and Unicode
+/// normalization alone.
 pub(super) fn find_file(
     folder: &InputFolder,
     base: &Path,
     written: &str,
 ) -> Result<Option<PathBuf>, Refusal> {
-    let found = folder.find(&[base], written, false, matches_case);
+    let found = folder.find(&[base], written, false, matches_folded);
     Ok(found?.map(|found| found.path))
 }
 
-fn matches_case(written: &str) -> impl Fn(&OsStr) -> bool + use<> {
-    let wanted = written.to_lowercase();
-    move |name: &OsStr| name.to_string_lossy().to_lowercase() == wanted
+fn matches_folded(written: &str) -> impl Fn(&OsStr) -> bool + use<> {
+    let wanted = fold_name(written);
+    move |name: &OsStr| fold_name(&name.to_string_lossy()) == wanted
 }
 
 /// Finds an image whose name is written without its extension, regardless of case and separators.
@@ -69,9 +71,9 @@ pub(super) fn find_without_extension(
     stem: &str,
 ) -> Option<PathBuf> {
     let found = folder.find(&[base], stem, false, |written: &str| {
-        let wanted = written.to_lowercase();
+        let wanted = fold_name(written);
         move |name: &OsStr| {
-            let name = name.to_string_lossy().to_lowercase();
+            let name = fold_name(&name.to_string_lossy());
             let is_image = |rest: &str| {
                 let ending = rest.strip_prefix('.');
                 ending.is_some_and(|ending| EXTENSIONS.contains(&ending))
@@ -84,7 +86,7 @@ pub(super) fn find_without_extension(
 }
 
 /// Extensions of photographs.
-const EXTENSIONS: [&str; 6] = ["jpg", "png", "jpeg", "tif", "tiff", "webp"];
+const EXTENSIONS: [&str; 7] = ["jpg", "png", "jpeg", "tif", "tiff", "webp", "ppm"];
 
 /// Returns the image `stem` in a folder, `stem.jpg` if there is none.
 pub(super) fn find_image(folder: &Path, stem: &str) -> PathBuf {
@@ -101,7 +103,7 @@ pub(super) fn find_image(folder: &Path, stem: &str) -> PathBuf {
 }
 
 /// Returns the image that a camera of `file` names, with or without its extension, in the folders
-/// where photographs lie beside the file.
+/// where photographs lie beside the file, or in the only other folder there that has it.
 pub(super) fn find_named_image(
     set: &InputFolder,
     file: &Path,
@@ -111,10 +113,8 @@ pub(super) fn find_named_image(
     let leads_out = set.leads_out(set.path(), name);
     let last = name.rsplit(['/', '\\']).next().unwrap_or(name);
     let stem = if leads_out { last } else { name };
-    for place in ["images", "input", ""] {
-        let similar = find_similar(set.path(), Path::new(place), matches_case);
-        let place = similar.unwrap_or_else(|| set.path().join(place));
-        let whole = find_file(set, &place, name).map_err(|refusal| match refusal {
+    let find = |place: &Path| {
+        let whole = find_file(set, place, name).map_err(|refusal| match refusal {
             Refusal::Outside(_) => ImagesError::Outside {
                 path: file.into(),
                 field: "the name of an image".into(),
@@ -122,15 +122,31 @@ pub(super) fn find_named_image(
             },
             special => ImagesError::field(file, name, special.to_string()),
         })?;
-        let found = whole.unwrap_or_else(|| find_image(&place, stem));
-        if found.is_file() {
-            return Ok(Some(found));
-        }
-        if let Some(found) = find_without_extension(set, &place, stem) {
+        let found = whole.unwrap_or_else(|| find_image(place, stem));
+        Ok(if found.is_file() {
+            Some(found)
+        } else {
+            find_without_extension(set, place, stem)
+        })
+    };
+    for place in ["images", "input", ""] {
+        let similar = find_similar(set.path(), Path::new(place), matches_folded);
+        if let Some(found) = find(&similar.unwrap_or_else(|| set.path().join(place)))? {
             return Ok(Some(found));
         }
     }
-    Ok(None)
+    // Masks and depth may have the same names.
+    let mut others = Vec::new();
+    for entry in fs::read_dir(set.path()).into_iter().flatten().flatten() {
+        if entry.path().is_dir() {
+            others.extend(find(&entry.path())?);
+        }
+    }
+    Ok(if others.len() == 1 {
+        others.pop()
+    } else {
+        None
+    })
 }
 
 #[cfg(test)]
@@ -171,11 +187,11 @@ mod tests {
     }
 
     #[test]
-    fn separators_and_case_matched() {
+    fn separators_case_and_normalization_matched() {
         let folder = tempfile::tempdir().expect("a folder");
-        std::fs::create_dir(folder.path().join("Images")).expect("made");
-        for name in ["Images/0.JPG", "Images/a\\b.png"] {
-            std::fs::write(folder.path().join(name), b"").expect("written");
+        fs::create_dir(folder.path().join("Images")).expect("made");
+        for name in ["Images/0.JPG", "Images/a\\b.png", "Images/u\u{308}.png"] {
+            fs::write(folder.path().join(name), b"").expect("written");
         }
         let manifest = folder.path().join("transforms.json");
         let found = |written| {
@@ -188,7 +204,28 @@ mod tests {
         assert_eq!(found("images\\0.jpg"), "Images/0.JPG");
         assert_eq!(found("/home/me/images/0.jpg"), "Images/0.JPG", "moved");
         assert_eq!(found("Images/a\\b.png"), "Images/a\\b.png", "as written");
+        assert_eq!(
+            found("images/\u{fc}.png"),
+            "Images/u\u{308}.png",
+            "of macOS"
+        );
         assert_eq!(found("images\\1.jpg"), "images/1.jpg", "missing");
+    }
+
+    #[test]
+    fn image_found_in_any_folder_unless_several_have_it() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let set = InputFolder::new(folder.path());
+        let find =
+            || find_named_image(&set, &folder.path().join("cameras.xml"), "DSC_0").expect("inside");
+        let photograph = folder.path().join("photos/DSC_0.JPG");
+        for path in [&photograph, &folder.path().join("masks/DSC_0.png")] {
+            fs::create_dir(path.parent().expect("a folder")).expect("made");
+        }
+        fs::write(&photograph, b"").expect("written");
+        assert_eq!(find(), Some(photograph));
+        fs::write(folder.path().join("masks/DSC_0.png"), b"").expect("written");
+        assert_eq!(find(), None);
     }
 
     #[test]
@@ -197,8 +234,8 @@ mod tests {
         let names = ["Images/cam/DSC_0.tif", "Images/1.JPEG", "Images/1.txt"];
         for name in names {
             let path = folder.path().join(name);
-            std::fs::create_dir_all(path.parent().expect("a folder")).expect("made");
-            std::fs::write(path, b"").expect("written");
+            fs::create_dir_all(path.parent().expect("a folder")).expect("made");
+            fs::write(path, b"").expect("written");
         }
         let set = InputFolder::new(folder.path());
         for (stem, expected) in [("cam\\dsc_0", names[0]), ("1", names[1])] {

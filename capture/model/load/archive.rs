@@ -1,8 +1,9 @@
 //! Models and images in the archive of a Sweet Home 3D home.
 
 use glam::{DVec2, DVec3};
+use headbox_core::files::fold_name;
 use headbox_core::memory::{self, Reservation};
-use headbox_scene::load::encoding::{decode_text, fold_name};
+use headbox_scene::load::encoding::decode_text;
 use headbox_scene::load::lines::{keyword, lines, words};
 use headbox_scene::load::material_names::MaterialNames;
 use headbox_scene::load::mtl::{self, Map, MtlMaterial};

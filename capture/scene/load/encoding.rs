@@ -1,20 +1,21 @@
 //! Encodings of text files and of file names.
 //!
-//! A text is UTF-8, or UTF-16 by its byte-order mark. One that is neither comes from a program that
-//! writes the encoding of its country; no encoding loses a byte, so that names stay distinct.
+//! A text is UTF-8, or UTF-16 or UTF-32 by its byte-order mark. Others come from programs that
+//! write the encoding of their country; no encoding loses a byte, so that names stay distinct.
 
 use super::notes::{Note, Notes};
 use encoding_rs::{
-    BIG5, EUC_KR, Encoding, GB18030, SHIFT_JIS, UTF_8, UTF_16BE, UTF_16LE, WINDOWS_1251,
-    WINDOWS_1252,
+    BIG5, EUC_KR, Encoding, GB18030, MACINTOSH, SHIFT_JIS, UTF_8, UTF_16BE, UTF_16LE, WINDOWS_1250,
+    WINDOWS_1251, WINDOWS_1252,
 };
+use headbox_core::files::fold_name;
 use std::borrow::Cow;
 use std::collections::BTreeSet;
 use std::ffi::OsStr;
 use unicode_normalization::UnicodeNormalization;
 
 /// Encodings in which a name may have been written and, wrongly, been read.
-const OF_NAMES: [&Encoding; 7] = [
+const OF_NAMES: [&Encoding; 9] = [
     UTF_8,
     GB18030,
     SHIFT_JIS,
@@ -22,6 +23,8 @@ const OF_NAMES: [&Encoding; 7] = [
     BIG5,
     EUC_KR,
     WINDOWS_1251,
+    WINDOWS_1250,
+    MACINTOSH,
 ];
 
 /// Decodes a text: by its byte-order mark, as UTF-8, or in the encoding that its bytes suggest,
@@ -37,6 +40,9 @@ pub fn decode_text<'a>(bytes: &'a [u8], file: &str, notes: &mut Notes) -> Cow<'a
 /// Decodes a text as [`decode_text`] does. Returns the name of a guessed encoding, too.
 fn decode(bytes: &[u8]) -> (Cow<'_, str>, Option<&'static str>) {
     let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
+    if let Some(text) = decode_utf32(bytes) {
+        return (text.into(), None);
+    }
     if let Some((encoding, mark)) = Encoding::for_bom(bytes) {
         let (text, damaged) = encoding.decode_without_bom_handling(&bytes[mark..]);
         return (text, damaged.then_some("damaged"));
@@ -59,6 +65,19 @@ fn decode(bytes: &[u8]) -> (Cow<'_, str>, Option<&'static str>) {
             !statement.starts_with(b"#") && !statement.is_ascii()
         });
     (text, matters.then_some(encoding.name()))
+}
+
+/// Decodes a text that begins with the byte-order mark of UTF-32, which in little-endian order
+/// begins like that of UTF-16.
+fn decode_utf32(bytes: &[u8]) -> Option<String> {
+    let (code, bytes): (fn([u8; 4]) -> u32, _) = match bytes {
+        [0xff, 0xfe, 0, 0, rest @ ..] => (u32::from_le_bytes, rest),
+        [0, 0, 0xfe, 0xff, rest @ ..] => (u32::from_be_bytes, rest),
+        _ => return None,
+    };
+    let codes = bytes.as_chunks().0.iter().map(|&bytes| code(bytes));
+    let character = |code| char::from_u32(code).unwrap_or(char::REPLACEMENT_CHARACTER);
+    Some(codes.map(character).collect())
 }
 
 /// Returns the encoding of a text that begins with two ASCII characters of two bytes each.
@@ -126,12 +145,6 @@ pub fn compose(name: &str) -> String {
     name.nfc().collect()
 }
 
-/// Returns the [composed](compose) name in lower case; equal for file names that differ in case or
-/// Unicode normalization alone.
-pub fn fold_name(name: &str) -> String {
-    name.nfc().flat_map(char::to_lowercase).nfc().collect()
-}
-
 /// Returns the [folded](fold_name) spellings of a file name of the file system: one if it is UTF-8.
 pub(super) fn spellings_of_file(name: &OsStr) -> BTreeSet<String> {
     match name.to_str() {
@@ -141,6 +154,35 @@ pub(super) fn spellings_of_file(name: &OsStr) -> BTreeSet<String> {
             .map(|name| fold_name(name))
             .collect(),
     }
+}
+
+/// Returns the name that bytes are as UTF-8; if they are not, one from which [`respellings`] finds
+/// the name in their encoding.
+pub(super) fn name_of_bytes(bytes: Vec<u8>) -> String {
+    String::from_utf8(bytes).unwrap_or_else(|error| {
+        let (name, _) = WINDOWS_1252.decode_without_bom_handling(error.as_bytes());
+        name.into_owned() // it has a character for each byte
+    })
+}
+
+/// Decodes `%41` as `A`; a percent sign without two hexadecimal digits stays.
+pub(super) fn decode_percent(text: &str) -> Vec<u8> {
+    let mut bytes = Vec::with_capacity(text.len());
+    let mut rest = text.as_bytes();
+    while let Some((&first, after)) = rest.split_first() {
+        let digit = |i: usize| after.get(i).and_then(|&b| char::from(b).to_digit(16));
+        match (first, digit(0), digit(1)) {
+            (b'%', Some(high), Some(low)) => {
+                bytes.push((high * 16 + low) as u8);
+                rest = &after[2..];
+            }
+            _ => {
+                bytes.push(first);
+                rest = after;
+            }
+        }
+    }
+    bytes
 }
 
 /// Returns what bytes are in each encoding in which they have no error.
@@ -162,6 +204,12 @@ mod tests {
         let utf16: Vec<u8> = text.encode_utf16().flat_map(u16::to_le_bytes).collect();
         assert_eq!(decode(text.as_bytes()), (text.into(), None));
         assert_eq!(decode(&utf16), (text.into(), Some("UTF-16LE")));
+        let mark = [b"\xff\xfe\0\0".as_slice()].concat();
+        let utf32: Vec<u8> = text
+            .chars()
+            .flat_map(|c| u32::from(c).to_le_bytes())
+            .collect();
+        assert_eq!(decode(&[mark, utf32].concat()), (text.into(), None));
         let marked = [b"\xff\xfe".as_slice(), &utf16].concat();
         assert_eq!(decode(&marked), (text.into(), None));
         let big: Vec<u8> = "\u{feff}v 1"

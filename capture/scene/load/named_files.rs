@@ -1,8 +1,8 @@
 //! Search for the files that a scene file names: material files, images and buffers.
 
-use super::encoding::{fold_name, respellings, spellings_of_file};
+use super::encoding::{decode_percent, name_of_bytes, respellings, spellings_of_file};
 use super::lines::without_comment;
-use headbox_core::files::{FoundInput, InputFolder};
+use headbox_core::files::{FoundInput, InputFolder, fold_name};
 use std::collections::BTreeSet;
 use std::ffi::OsStr;
 use std::path::Path;
@@ -10,7 +10,7 @@ use std::path::Path;
 /// Finds the file that a file in the folder `base` of a scene calls `written`, relative to `base`
 /// or to the scene: as it is written; then ignoring case and normalization and in other encodings;
 /// then by the end of its path, because some programs write paths of their machine. If there is
-/// none, the name may end before a comment.
+/// none, the name may end before a comment, or have characters as in a URI (`%20`).
 ///
 /// # Errors
 /// The cause, for notes: there is no such file, or it may not be read.
@@ -26,10 +26,11 @@ pub(super) fn find_file(
         &bases[..]
     };
     let mut refusal = None;
-    for name in [Some(written), without_comment(written)]
-        .into_iter()
-        .flatten()
-    {
+    let decoded = written
+        .contains('%')
+        .then(|| name_of_bytes(decode_percent(written)));
+    let names = [Some(written), without_comment(written), decoded.as_deref()];
+    for name in names.into_iter().flatten() {
         match scene.find(bases, name, true, accept_spellings) {
             Ok(Some(found)) => return Ok(found),
             Ok(None) => {}

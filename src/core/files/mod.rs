@@ -30,6 +30,7 @@ use std::io::{self, BufWriter, Seek, Write};
 use std::path::{Component, Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use unfinished::Unfinished;
+use unicode_normalization::UnicodeNormalization;
 
 /// Input files of the user, which must not be overwritten.
 static INPUTS: Mutex<BTreeMap<Identity, PathBuf>> = Mutex::new(BTreeMap::new());
@@ -60,6 +61,12 @@ enum Target {
 /// Same as [`check`], without inputs and permissions.
 pub fn is_stream(path: &Path) -> io::Result<bool> {
     Ok(!matches!(target(path)?, Target::File(..)))
+}
+
+/// Returns a name in lower case and Unicode NFC, because macOS stores `ü` as `u` and a combining
+/// mark; equal for file names that differ in case or normalization alone.
+pub fn fold_name(name: &str) -> String {
+    name.nfc().flat_map(char::to_lowercase).nfc().collect()
 }
 
 /// Finds `folder/relative`. A component without an exact match is that of the listed names which

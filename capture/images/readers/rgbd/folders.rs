@@ -2,7 +2,7 @@
 //! (`rgb.txt`, `depth.txt`, `groundtruth.txt`) and Replica (`results`, `traj.txt`).
 
 use crate::color_images::{read_camera_size, read_size};
-use crate::depth::DepthSource;
+use crate::depth::{AssumedDepth, DepthSource};
 use crate::depth_files;
 use crate::lens::{Distortion, Lens, Pinhole};
 use crate::pose::Pose;
@@ -96,8 +96,14 @@ impl Sequence {
         if depth.is_none() {
             self.without_depth.push(name.clone());
         }
+        // The formats state that depth is along the axis, but programs that render sets in them
+        // write distances along the ray, too.
         let depth = depth.map(|(path, unit_m)| DepthSource {
             float_unit_m: 1.0,
+            assumed: AssumedDepth {
+                kind: true,
+                unit: false,
+            },
             ..DepthSource::metres(path, DepthKind::EyeDepth, unit_m)
         });
         let from_px = self.camera_px.unwrap_or(size_px);
