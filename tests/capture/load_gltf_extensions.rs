@@ -244,8 +244,16 @@ fn specular_gloss_keeps_diffuse_colour() {
     let usual = r#""pbrMetallicRoughness":{"baseColorTexture":{"index":0}},"#;
     assert_eq!(
         with(usual, r#""diffuseTexture":{"index":1}"#),
+        [0.0, 0.0, 1.0],
+        "the metallic-roughness model is a fallback for readers without the extension"
+    );
+    assert_eq!(
+        with(
+            usual,
+            r#""diffuseFactor":[0,0,0,1],"specularFactor":[1,0.5,0.25]"#
+        ),
         [1.0, 0.0, 0.0],
-        "the usual words come first"
+        "a metal with a base colour"
     );
 }
 
@@ -348,7 +356,7 @@ fn extensions_that_change_nothing_may_be_required() {
 }
 
 #[test]
-fn only_integer_colours_are_divided_by_their_range() {
+fn colours_are_divided_by_the_white_of_their_numbers() {
     let load = |component: u32, more: &str, bytes: &[u8]| {
         let mut asset = square();
         let colors = asset.accessor(bytes, component, "VEC4", 4, more);
@@ -367,6 +375,11 @@ fn only_integer_colours_are_divided_by_their_range() {
     let shorts = [52_428, 13_107, 0, 65_535_u16].map(u16::to_le_bytes);
     let shorts = [shorts.as_flattened(); 4].concat();
     for scene in [load(5121, "", &bytes), load(5123, "", &shorts)] {
+        assert_eq!(scene.colors[0], Vec3::new(0.8, 0.2, 0.0));
+        assert_eq!(scene.summary.notes, [divided]);
+    }
+    for opacity in [1.0, 255.0] {
+        let scene = load(5126, "", &floats([204.0, 51.0, 0.0, opacity]));
         assert_eq!(scene.colors[0], Vec3::new(0.8, 0.2, 0.0));
         assert_eq!(scene.summary.notes, [divided]);
     }

@@ -210,8 +210,8 @@ impl<'a> Buffers<'a> {
     }
 
     /// Reads colours with opacity, which is 1 if the file has three components; also returns true
-    /// if they are integers that the file does not declare as normalized, which is invalid but
-    /// common.
+    /// if they are integers that the file does not declare as normalized, or floating-point numbers
+    /// of 0 to 255, which is invalid but common.
     pub(super) fn colors(&self, index: Index<Accessor>) -> Option<(Vec<[f64; 4]>, bool)> {
         let layout = Layout::new(self.root.accessors.get(index.value())?)?;
         let is_integer = matches!(layout.component, ComponentType::U8 | ComponentType::U16);
@@ -222,16 +222,23 @@ impl<'a> Buffers<'a> {
             let opaque = |[r, g, b]: [f64; 3]| [r, g, b, 1.0];
             self.vectors(index)?.into_iter().map(opaque).collect()
         };
-        let is_raw =
-            is_integer && !layout.normalized && colors.as_flattened().iter().any(|&c| c > 1.0);
-        if is_raw {
-            let greatest = layout.greatest();
+        let [brightest, most_opaque] = colors.iter().fold([0.0_f64; 2], |most, [rgb @ .., a]| {
+            [rgb.iter().copied().fold(most[0], f64::max), most[1].max(*a)]
+        });
+        let white = if layout.component == ComponentType::F32 {
+            // No light is so much above white.
+            (32.0..=255.0).contains(&brightest).then_some(255.0)
+        } else {
+            let is_raw = is_integer && !layout.normalized && brightest.max(most_opaque) > 1.0;
+            is_raw.then(|| layout.greatest())
+        };
+        if let Some(white) = white {
             for [rgb @ .., opacity] in &mut colors {
-                rgb.iter_mut().for_each(|c| *c /= greatest);
-                *opacity /= if has_opacity { greatest } else { 1.0 };
+                rgb.iter_mut().for_each(|c| *c /= white);
+                *opacity /= if most_opaque > 1.0 { white } else { 1.0 };
             }
         }
-        Some((colors, is_raw))
+        Some((colors, white.is_some()))
     }
 
     /// Reads an accessor as vectors of `N` components, without further components. Returns `None`

@@ -175,8 +175,9 @@ struct Track {
 fn tracks(animation: &Animation, buffers: &Buffers) -> Option<Vec<Track>> {
     let mut tracks = Vec::new();
     for channel in &animation.channels {
+        // Other paths, such as "pointer" of KHR_animation_pointer, do not transform nodes.
         let Checked::Valid(property) = channel.target.path else {
-            return None;
+            continue;
         };
         let sampler = animation.samplers.get(channel.sampler.value())?;
         let Checked::Valid(interpolation) = sampler.interpolation else {

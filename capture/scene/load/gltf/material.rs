@@ -136,8 +136,9 @@ impl GltfMaterials {
     }
 }
 
-/// Returns the texture and the factor of the base colour; if there is none, the diffuse colour of
-/// the specular-glossiness model, or the specular colour of metals, which have no diffuse one.
+/// Returns the texture and the factor of the base colour: those of the specular-glossiness model, to
+/// which the metallic-roughness model beside it is a fallback. Metals have no diffuse colour: theirs
+/// is the base colour, or without one the specular colour.
 fn base_color(m: &gltf::json::Material) -> (Option<&texture::Info>, [f32; 4]) {
     let base = &m.pbr_metallic_roughness;
     let has_base = base.base_color_texture.is_some() || base.base_color_factor.0 != [1.0; 4];
@@ -145,18 +146,18 @@ fn base_color(m: &gltf::json::Material) -> (Option<&texture::Info>, [f32; 4]) {
         .extensions
         .as_ref()
         .and_then(|extensions| extensions.pbr_specular_glossiness.as_ref());
-    match specular_glossiness.filter(|_| !has_base) {
-        None => (base.base_color_texture.as_ref(), base.base_color_factor.0),
-        Some(m) => {
-            let [r, g, b, alpha] = m.diffuse_factor.0;
-            let is_metal = m.diffuse_texture.is_none() && [r, g, b] == [0.0; 3];
-            let [r, g, b] = if is_metal {
-                m.specular_factor.0
-            } else {
-                [r, g, b]
-            };
-            (m.diffuse_texture.as_ref(), [r, g, b, alpha])
+    let Some(m) = specular_glossiness else {
+        return (base.base_color_texture.as_ref(), base.base_color_factor.0);
+    };
+    let [r, g, b, alpha] = m.diffuse_factor.0;
+    let is_metal = m.diffuse_texture.is_none() && [r, g, b] == [0.0; 3];
+    match (is_metal, has_base) {
+        (true, true) => (base.base_color_texture.as_ref(), base.base_color_factor.0),
+        (true, false) => {
+            let [r, g, b] = m.specular_factor.0;
+            (None, [r, g, b, alpha])
         }
+        (false, _) => (m.diffuse_texture.as_ref(), [r, g, b, alpha]),
     }
 }
 

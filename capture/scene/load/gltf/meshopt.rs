@@ -30,6 +30,9 @@ enum Mode {
     Attributes,
     Triangles,
     Indices,
+    /// A mode of a later version.
+    #[serde(other)]
+    Unknown,
 }
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize)]
@@ -41,6 +44,9 @@ enum Filter {
     Quaternion,
     Exponential,
     Color,
+    /// A filter of a later version.
+    #[serde(other)]
+    Unknown,
 }
 
 impl CompressedView {
@@ -57,7 +63,8 @@ impl CompressedView {
             (_, Filter::None) => {
                 let indices = match self.mode {
                     Mode::Triangles => triangles(bytes, count)?,
-                    _ => index_sequence(bytes, count)?,
+                    Mode::Indices => index_sequence(bytes, count)?,
+                    Mode::Attributes | Mode::Unknown => return None,
                 };
                 match stride {
                     2 => Some(

@@ -284,14 +284,21 @@ pub(super) const VERSION_REFUSED: &str =
     "glTF of version 1.0, which is not read; convert it to glTF 2.0";
 
 /// Reads the JSON of a glTF file without `null` members and without extras, except for
-/// [`HEADBOX_HALF_SIZE`]; both may be of any type. Removes animation channels that move no node.
+/// [`HEADBOX_HALF_SIZE`]; both may be of any type. An index of -1, which some programs write for
+/// none, counts as `null`. Removes animation channels that move no node.
 ///
 /// # Errors
 /// The cause: not JSON, or not version 2.
 pub(super) fn read_repaired(json: &[u8]) -> Result<Value, String> {
-    let mut json = serde_json::Deserializer::from_slice(json);
-    let root = Repair { is_extras: false }.deserialize(&mut json);
-    let root = root.and_then(|root| json.end().map(|()| root));
+    let read = |json: &[u8]| {
+        let mut json = serde_json::Deserializer::from_slice(json);
+        let root = Repair { is_extras: false }.deserialize(&mut json);
+        root.and_then(|root| json.end().map(|()| root))
+    };
+    let root = read(json).or_else(|cause| match without_lone_surrogates(json) {
+        Some(json) => read(&json),
+        None => Err(cause),
+    });
     let mut root = root.map_err(|cause| cause.to_string())?;
     let version = &root["asset"]["version"];
     let is_first = version.as_str().is_some_and(|it| it.starts_with("1."))
@@ -316,9 +323,46 @@ pub(super) fn read_repaired(json: &[u8]) -> Result<Value, String> {
     Ok(root)
 }
 
+/// Returns JSON with each lone surrogate (`\ud800`), which is no character, replaced by `\ufffd`:
+/// programs cut names in the middle of a pair. `None` if there is none.
+fn without_lone_surrogates(json: &[u8]) -> Option<Vec<u8>> {
+    let surrogate = |at: usize| {
+        let digits = json.get(at..at + 6)?.strip_prefix(b"\\u")?;
+        let code = u16::from_str_radix(std::str::from_utf8(digits).ok()?, 16).ok()?;
+        (0xd800..0xe000).contains(&code).then_some(code)
+    };
+    let mut repaired = None;
+    let mut at = 0;
+    while at < json.len() {
+        match (surrogate(at), surrogate(at + 6)) {
+            (None, _) if json[at] == b'\\' => at += 2, // an escape of two characters at least
+            (None, _) => at += 1,
+            (Some(0xd800..0xdc00), Some(0xdc00..)) => at += 12,
+            (Some(_), _) => {
+                let json = repaired.get_or_insert_with(|| json.to_vec());
+                json[at..at + 6].copy_from_slice(br"\ufffd");
+                at += 6;
+            }
+        }
+    }
+    repaired
+}
+
 fn list<'a>(object: &'a mut Value, name: &str) -> Option<&'a mut Vec<Value>> {
     object.get_mut(name)?.as_array_mut()
 }
+
+/// Optional members that are an index.
+const INDICES: [&str; 8] = [
+    "bufferView",
+    "camera",
+    "indices",
+    "material",
+    "mesh",
+    "scene",
+    "skin",
+    "source",
+];
 
 /// Reader of JSON without `null` members and extras. Whole numbers that are written with a fraction
 /// become integers.
@@ -396,7 +440,7 @@ impl<'de> Visitor<'de> for Repair {
             let is_kept = if is_extras {
                 value.is_object()
             } else {
-                !value.is_null()
+                !value.is_null() && !(value == -1 && INDICES.contains(&name.as_str()))
             };
             if is_kept {
                 object.insert(name, value);
@@ -409,6 +453,39 @@ impl<'de> Visitor<'de> for Repair {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn lone_surrogates_are_replaced() {
+        let repaired = |json: &str| read_repaired(json.as_bytes()).map(|root| root["a"].clone());
+        assert_eq!(repaired(r#"{"a":"x\ud83d"}"#), Ok("x\u{fffd}".into()));
+        assert_eq!(
+            repaired(r#"{"a":"\udc00\ud83d\ude00"}"#),
+            Ok("\u{fffd}\u{1f600}".into())
+        );
+        // A backslash before "ud800" is no escape of a surrogate.
+        assert_eq!(
+            repaired(r#"{"a":"\\ud800","b":"\ud800"}"#),
+            Ok(r"\ud800".into())
+        );
+        assert!(repaired(r#"{"a":"\ud83"}"#).is_err());
+    }
+
+    #[test]
+    fn minus_one_is_no_index() {
+        let root = read_repaired(br#"{"nodes":[{"mesh":-1,"scale":[-1,1,1]}]}"#).expect("JSON");
+        assert_eq!(root["nodes"][0], serde_json::json!({"scale": [-1, 1, 1]}));
+    }
+
+    #[test]
+    fn unknown_compression_is_read() {
+        let view = r#"{"buffer":0,"byteLength":9,"byteStride":4,"count":1,"mode":"NEW"}"#;
+        let json = format!(
+            r#"{{"bufferViews":[{{"buffer":1,"extensions":{{"EXT_meshopt_compression":{view}}}}}]}}"#
+        );
+        let raw: RawJson = serde_json::from_str(&json).expect("another mode");
+        let view = raw.compressed_view(0).expect("a view");
+        assert!(view.decode(&[0; 9]).is_none());
+    }
 
     #[test]
     fn view_compressed_under_both_names_is_read() {

@@ -1,5 +1,6 @@
 //! URIs of glTF: data in the URI, or a file.
 
+use super::super::encoding::{decode_percent, name_of_bytes};
 use super::super::named_files::find_file;
 use headbox_core::files::InputFolder;
 
@@ -42,31 +43,11 @@ fn is_base64(head: &str) -> bool {
 /// and fragment, and as it is written.
 fn file_names(uri: &str) -> Vec<String> {
     let path = uri.strip_prefix("file://").unwrap_or(uri);
-    let decoded = |path: &str| String::from_utf8_lossy(&decode_percent(path)).into_owned();
+    let decoded = |path: &str| name_of_bytes(decode_percent(path));
     let end = path.find(['?', '#']).unwrap_or(path.len());
     let mut names = vec![decoded(path), decoded(&path[..end]), path.to_owned()];
     names.dedup();
     names
-}
-
-/// Decodes `%41` as `A`; a percent sign without two hexadecimal digits stays.
-fn decode_percent(text: &str) -> Vec<u8> {
-    let mut bytes = Vec::with_capacity(text.len());
-    let mut rest = text.as_bytes();
-    while let Some((&first, after)) = rest.split_first() {
-        let digit = |i: usize| after.get(i).and_then(|&b| char::from(b).to_digit(16));
-        match (first, digit(0), digit(1)) {
-            (b'%', Some(high), Some(low)) => {
-                bytes.push((high * 16 + low) as u8);
-                rest = &after[2..];
-            }
-            _ => {
-                bytes.push(first);
-                rest = after;
-            }
-        }
-    }
-    bytes
 }
 
 /// Decodes base64 (RFC 4648, both alphabets); white space and padding are ignored.
@@ -134,6 +115,8 @@ mod tests {
             resolve("my%20wood%.png%4"),
             UriTarget::File("my wood%.png%4".into())
         );
-        assert_eq!(resolve("%FF"), UriTarget::File("\u{fffd}".into()));
+        // Names of programs for Windows, in Latin-1.
+        std::fs::write(temporary.path().join("\u{fc}.png"), "").expect("written");
+        assert_eq!(resolve("%FC.png"), UriTarget::File("\u{fc}.png".into()));
     }
 }
