@@ -5,10 +5,12 @@ use std::borrow::Cow;
 /// Returns the trimmed lines of a text with their numbers from 1. A backslash at its end continues
 /// a line in the next one, except in a comment, where it may end a folder of Windows; it has the
 /// number of its first part. Lines end in line feeds, with or without carriage returns, or in
-/// carriage returns if the text has no line feed.
+/// carriage returns alone.
 pub fn lines(text: &str) -> impl Iterator<Item = (usize, Cow<'_, str>)> {
-    let end = if text.contains('\n') { '\n' } else { '\r' };
-    let mut parts = text.split(end).enumerate();
+    let mut parts = text
+        .split('\n')
+        .flat_map(|line| line.trim_end_matches('\r').split('\r'))
+        .enumerate();
     std::iter::from_fn(move || {
         let (index, part) = parts.next()?;
         let part = part.trim();
@@ -41,10 +43,15 @@ pub fn keyword(line: &str) -> (&str, &str) {
     (word, rest.trim())
 }
 
-/// Returns the words of a line before a comment.
+/// Returns the words of a line before a comment, which may follow a number without a space.
 pub fn words(rest: &str) -> impl Iterator<Item = &str> {
-    rest.split_whitespace()
-        .take_while(|word| !word.starts_with('#'))
+    // Programs in C print NaN as "1.#QNAN".
+    let comment = rest
+        .match_indices('#')
+        .find(|(at, _)| !rest[..*at].ends_with('.'));
+    comment
+        .map_or(rest, |(at, _)| &rest[..at])
+        .split_whitespace()
 }
 
 /// Parses a number. The many spellings of NaN and infinity by other programs are NaN.
@@ -89,6 +96,14 @@ mod tests {
         assert_eq!(collect("f 1 2 \\\n 3\ng a"), expected);
         assert_eq!(collect("f 1 2 \\\r\n 3\r\n  g a\r"), expected);
         assert_eq!(collect("f 1 2 \\\r3\rg a"), expected);
+        assert_eq!(
+            collect("f 1 2 \\\n3\rg a"),
+            expected[..1]
+                .iter()
+                .cloned()
+                .chain([(3, "g a".to_owned())])
+                .collect::<Vec<_>>()
+        );
         assert_eq!(collect("f \\"), [(1, "f \\".to_owned())]);
         assert_eq!(
             collect("# C:\\models\\\nv 1"),
@@ -106,6 +121,8 @@ mod tests {
         assert_eq!(without_comment("a #1 # b"), Some("a #1"));
         assert_eq!(without_comment("a#b #1"), None);
         assert_eq!(words("1 2 # 3").collect::<Vec<_>>(), ["1", "2"]);
+        assert_eq!(words("1/1 2/2#3").collect::<Vec<_>>(), ["1/1", "2/2"]);
+        assert_eq!(words("1.#QNAN 2 #3").collect::<Vec<_>>(), ["1.#QNAN", "2"]);
     }
     #[test]
     fn continued_lines_take_linear_time() {

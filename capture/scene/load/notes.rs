@@ -10,6 +10,7 @@ use std::path::{Path, PathBuf};
 pub(super) enum Note {
     EncodingGuessed,
     MaterialFileUnreadable,
+    MaterialFileGuessed,
     MaterialUndefined,
     MaterialLineUnread,
     MaterialColorLimited,
@@ -70,6 +71,11 @@ impl Note {
             Self::MaterialFileUnreadable => {
                 ["material file", "material files", "could not be read"]
             }
+            Self::MaterialFileGuessed => [
+                "material file",
+                "material files",
+                "used because of its name, as the scene names no other that is there",
+            ],
             Self::MaterialUndefined => [
                 "material",
                 "materials",

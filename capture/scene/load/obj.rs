@@ -49,6 +49,9 @@ const SLOT_BYTES: usize = 33 * 3 / 2;
 /// Number of words before a file name that may be unknown options and their values.
 const MAX_UNKNOWN_WORDS: usize = 8;
 
+/// Most words of the name of one of several material files in a line.
+const MAX_NAME_WORDS: usize = 16;
+
 /// Least alpha that is not a hole; OBJ and PLY have no statement for it.
 pub(super) const CUTOUT_THRESHOLD: f32 = 0.5;
 
@@ -68,7 +71,8 @@ pub(super) fn load(
         floors: obj.floors,
     };
     let scene = InputFolder::new(folder_of(path));
-    let materials = read_libraries(&obj.libraries, &scene, &mut notes);
+    let own = path.with_extension("mtl");
+    let materials = read_libraries(&obj, &file_name(&own), &scene, &mut notes);
     let builder = Builder::with_hints(hints, notes);
     let images = EmbeddedImages::new();
     build(path, obj, &materials, &images, builder, groups)
@@ -172,46 +176,67 @@ fn parse(
     Ok(models)
 }
 
-/// Reads the material files, each once. A `mtllib` has one file name, which may contain spaces, or
-/// several. Of files that define the same material the first one counts.
+/// Reads the material files, each once: those that the scene names, or if there is none the file
+/// `own`, which has its name. Of files that define the same material the first one counts.
 fn read_libraries(
-    libraries: &[String],
+    obj: &PreparedObj,
+    own: &str,
     scene: &InputFolder,
     notes: &mut Notes,
 ) -> Vec<MtlMaterial> {
+    let find = |name: &str| find_file(name, scene.path(), scene);
     let mut materials = Vec::new();
     let mut seen = HashSet::new();
-    for written in libraries.iter().filter(|it| seen.insert(*it)) {
-        let find = |name: &str| find_file(name, scene.path(), scene);
-        let names: Vec<&str> = match find(written) {
-            Ok(_) => vec![written],
-            Err(_) => without_comment(written)
-                .unwrap_or(written)
-                .split_whitespace()
-                .collect(),
-        };
-        for name in names {
-            let read = find(name).and_then(|found| match memory::read_file(&found.path) {
-                Ok(bytes) => Ok((found.path, bytes)),
-                Err(cause) => {
-                    notes.add_if_over_budget(name, &cause);
-                    Err(cause.to_string())
-                }
-            });
-            match read {
-                Ok((path, bytes)) => {
-                    notes.add_file(&path);
-                    let text = decode_text(&bytes, &file_name(&path), notes);
-                    let folder = folder_of(&path).to_path_buf();
-                    mtl::add_library(&text, name, folder, &mut materials, notes);
-                }
-                Err(cause) => {
-                    notes.add_named(Note::MaterialFileUnreadable, format!("{name} ({cause})"));
-                }
+    let libraries = obj.libraries.iter().filter(|it| seen.insert(*it));
+    let mut names: Vec<String> = libraries
+        .flat_map(|written| library_names(written, |name| find(name).is_ok()))
+        .collect();
+    let is_any_there = names.iter().any(|name| find(name).is_ok());
+    if !is_any_there && !obj.used_materials.is_empty() && find(own).is_ok() {
+        notes.add_named(Note::MaterialFileGuessed, own);
+        names.push(own.to_owned());
+    }
+    for name in &names {
+        let read = find(name).and_then(|found| match memory::read_file(&found.path) {
+            Ok(bytes) => Ok((found.path, bytes)),
+            Err(cause) => {
+                notes.add_if_over_budget(name, &cause);
+                Err(cause.to_string())
+            }
+        });
+        match read {
+            Ok((path, bytes)) => {
+                notes.add_file(&path);
+                let text = decode_text(&bytes, &file_name(&path), notes);
+                let folder = folder_of(&path).to_path_buf();
+                mtl::add_library(&text, name, folder, &mut materials, notes);
+            }
+            Err(cause) => {
+                notes.add_named(Note::MaterialFileUnreadable, format!("{name} ({cause})"));
             }
         }
     }
     materials
+}
+
+/// Returns the file names in the argument of a `mtllib`: it is one name, which may contain spaces,
+/// or several, of which each is as long as a file with that name is there.
+fn library_names(written: &str, is_there: impl Fn(&str) -> bool) -> Vec<String> {
+    if is_there(written) {
+        return vec![written.to_owned()];
+    }
+    let written = without_comment(written).unwrap_or(written);
+    let words: Vec<&str> = written.split_whitespace().collect();
+    let mut names = Vec::new();
+    let mut rest = &words[..];
+    while !rest.is_empty() {
+        let most = rest.len().min(MAX_NAME_WORDS);
+        let longest = (2..=most).rev().find(|n| is_there(&rest[..*n].join(" ")));
+        let (name, after) = rest.split_at(longest.unwrap_or(1));
+        names.push(name.join(" "));
+        rest = after;
+    }
+    names
 }
 
 /// Returns the name of a file without its folder.
