@@ -26,7 +26,7 @@ use crate::scene::Vertex;
 use glam::{DVec3, Vec2, Vec3};
 use headbox_core::color::linear_from_srgb;
 use headbox_core::files::InputFolder;
-use header::{Element, Header};
+use header::{Element, Header, Type};
 use records::{Record, Records};
 use std::path::Path;
 
@@ -371,9 +371,15 @@ impl Color {
             ["blue", "b", "diffuse_blue"],
         ];
         let properties = find_all(element, names.each_ref().map(<[_; 3]>::as_slice))?;
+        let value = element.properties[properties[0]].value;
         Some(Self {
             properties,
-            white: element.properties[properties[0]].value.white(),
+            // Programs write bytes as `ushort`, too: their values show it.
+            white: if value == Type::U16 {
+                1.0
+            } else {
+                value.white()
+            },
         })
     }
 

@@ -135,6 +135,25 @@ fn alpha_of_texture_cuts_holes() {
 }
 
 #[test]
+fn colours_of_sixteen_bits_may_be_bytes() {
+    for (white, scaled) in [(255, "255"), (65_535, "65535")] {
+        let text = format!(
+            "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n\
+             property float z\nproperty ushort red\nproperty ushort green\nproperty ushort blue\n\
+             element face 1\nproperty list uchar int vertex_indices\nend_header\n\
+             0 0 0 {white} 0 0\n1 0 0 {white} 0 0\n0 1 0 {white} 0 0\n3 0 1 2\n"
+        );
+        let scene = load_bytes(text.as_bytes()).expect("loads");
+        assert_eq!(scene.surface(0, 0.2, 0.2).albedo, [1.0, 0.0, 0.0]);
+        assert!(
+            scene.summary.notes[0].contains(scaled),
+            "{:?}",
+            scene.summary.notes
+        );
+    }
+}
+
+#[test]
 fn face_colours_strips_and_defects_are_read() {
     let head = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\n\
         property float z\nproperty float alpha\n";
