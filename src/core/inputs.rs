@@ -16,8 +16,8 @@ pub const DEEP_IMAGES: [&str; 1] = ["exr"];
 pub const SKIES: [&str; 2] = ["hdr", "exr"];
 
 /// File name extensions of photographs and renders.
-pub const PHOTOGRAPHS: [&str; 10] = [
-    "png", "jpg", "jpeg", "tif", "tiff", "webp", "bmp", "tga", "gif", "exr",
+pub const PHOTOGRAPHS: [&str; 12] = [
+    "png", "jpg", "jpeg", "tif", "tiff", "webp", "bmp", "tga", "gif", "ppm", "pgm", "exr",
 ];
 
 /// File name extensions of representations, which can be shown.
@@ -55,7 +55,7 @@ pub const INPUTS: [InputKind; 7] = [
         extensions: &HOMES,
         others: &[],
         description: "of many rooms: Sweet Home 3D, or a scene and a list of its doors",
-        outputs: "`.house`",
+        outputs: "`.house` (all rooms), `.ldi` (one)",
         is_shown: true,
     },
     InputKind {
