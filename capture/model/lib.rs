@@ -41,6 +41,26 @@ pub struct Prism {
 }
 
 impl Prism {
+    /// Returns a point where one can stand, at eye height (1.6 m, or lower in a low room), world
+    /// metres: in the middle of the widest stretch in the X direction through the outline's middle.
+    /// `None` without an area.
+    pub fn standing_point(&self) -> Option<DVec3> {
+        let heights = || self.outline.iter().map(|corner| corner.y);
+        let low = heights().fold(f64::INFINITY, f64::min);
+        let z = low.midpoint(heights().fold(f64::NEG_INFINITY, f64::max));
+        let edges = self.outline.iter().zip(self.outline.iter().cycle().skip(1));
+        let mut crossings: Vec<f64> = edges
+            .filter(|(a, b)| (a.y <= z) != (b.y <= z))
+            .map(|(a, b)| a.x + (b.x - a.x) * (z - a.y) / (b.y - a.y))
+            .collect();
+        crossings.sort_unstable_by(f64::total_cmp);
+        let stretches = crossings.as_chunks::<2>().0.iter();
+        let [from, to] = stretches.max_by(|a, b| (a[1] - a[0]).total_cmp(&(b[1] - b[0])))?;
+        let height = (self.ceiling_y - self.floor_y).max(0.0);
+        let y = self.floor_y + (0.8 * height).min(1.6);
+        Some(DVec3::new(from.midpoint(*to), y, z))
+    }
+
     /// Returns true if the prism contains a point (world metres); of two prisms that share a wall,
     /// at most one contains a point of it in plan.
     pub fn contains(&self, p: DVec3) -> bool {
@@ -309,6 +329,7 @@ mod tests {
         ] {
             assert_eq!(room.contains(DVec3::from(p)), inside, "{p:?}");
         }
+        assert_eq!(room.standing_point(), Some(DVec3::new(1.0, 1.6, 2.0)));
         assert!(
             !room.contains(DVec3::new(1.0, 2.6, 1.0)) && !room.contains(DVec3::new(1.0, -0.1, 1.0))
         );

@@ -33,6 +33,17 @@ fn a_house_is_written_described_and_walked() {
     assert_eq!(made["file"]["captures"], 2 * portals);
 
     let info = json(at, "info a.house --check --json");
+    let rooms = info["rooms"].as_array().expect("rooms");
+    assert!(rooms.iter().all(|room| {
+        room["point"]
+            .as_array()
+            .is_some_and(|point| point.len() == 3)
+    }));
+    assert_eq!(
+        rooms.len() as u64,
+        info["cells"].as_u64().expect("a number") - 1,
+        "all but outside"
+    );
     assert_eq!(
         (&info["kind"], &info["ok"]),
         (&Value::from("house"), &Value::from(true))

@@ -3,12 +3,15 @@
 use crate::messages::UsageError;
 use crate::output::print_json;
 use anyhow::Context;
+use glam::DVec3;
+use headbox_core::file_frame::{FileFrame, triple};
 use headbox_house::backdrop::BackdropKind;
 use headbox_house::file;
 use headbox_house::house::House;
 use headbox_house::store::Store;
 use headbox_house::variant::HouseVariant;
 use headbox_house::walk_path::WalkPath;
+use headbox_model::{Cell, Prism};
 use serde::Serialize;
 use serde_json::json;
 use std::path::Path;
@@ -80,6 +83,9 @@ pub(crate) fn info(path: &Path, check: bool, as_json: bool) -> anyhow::Result<()
         .len();
     let plan = house.plan();
     let kinds = BackdropKind::ALL.map(|kind| KindTotals::new(kind, &store));
+    let frame = &house.scene().frame;
+    let room = |cell: &Cell| Some((cell.name.clone(), standing_point(&cell.space, frame)?));
+    let rooms: Vec<(String, DVec3)> = plan.cells.iter().filter_map(room).collect();
     if as_json {
         print_json(&json!({
             "kind": file::HOUSE_FILE.name,
@@ -87,6 +93,7 @@ pub(crate) fn info(path: &Path, check: bool, as_json: bool) -> anyhow::Result<()
             "depth_pixels": kinds.iter().map(|kind| kind.samples).sum::<u64>(),
             "faces": [],
             "cells": plan.cells.len(),
+            "rooms": rooms.iter().map(|(name, point)| json!({ "name": name, "point": point.to_array() })).collect::<Vec<_>>(),
             "portals": plan.portals.len(),
             "triangles": house.scene().triangles.len(),
             "backdrops": kinds,
@@ -115,8 +122,18 @@ pub(crate) fn info(path: &Path, check: bool, as_json: bool) -> anyhow::Result<()
         } = kind;
         println!("  {name:11} {captures} captures, {samples} samples, {bytes} bytes");
     }
+    println!("  rooms       a point in each, in the file's axes and unit, for --eye:");
+    for (name, point) in &rooms {
+        println!("    {:20} {name}", triple(*point));
+    }
     if check {
         println!("ok: every promise of the layout holds");
     }
     Ok(())
+}
+
+/// Returns a point where one can stand in a cell, in the file's axes and unit; `None` outside.
+pub(super) fn standing_point(space: &[Prism], frame: &FileFrame) -> Option<DVec3> {
+    let point = space.first()?.standing_point()?;
+    Some(frame.file_from_world(point))
 }

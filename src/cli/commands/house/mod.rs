@@ -10,6 +10,7 @@ use crate::args::{LightArgs, StrictArgs};
 use crate::output::{Outputs, PLAN, print_json, write_text};
 use clap::Args;
 use glam::{DVec2, DVec3};
+use headbox_core::file_frame::triple;
 use headbox_house::floor_plan::{FloorPlan, storeys};
 use headbox_model::load::{LoadedModel, ModelOptions, load_model};
 use headbox_model::{Finding, PortalModel, Severity};
@@ -193,7 +194,9 @@ impl Survey {
             portals.len(),
             self.model.scene.triangles.len()
         );
-        println!("\n cell  triangles  floor m2  portals  name");
+        let frame = &self.model.scene.frame;
+        println!("\nPoints are in the file's axes and unit.");
+        println!("\n cell  triangles  floor m2  portals  name (a point in it)");
         for (index, cell) in (0_u32..).zip(cells) {
             let count = self.model.portals_from(index).count();
             let area = floor_area(&self.model, index);
@@ -202,19 +205,22 @@ impl Survey {
             } else {
                 "-".into()
             };
+            let point = file::standing_point(&cell.space, frame)
+                .map_or(String::new(), |point| format!("  ({})", triple(point)));
             println!(
-                "{index:5} {:10} {floor:>9} {count:8}  {}",
+                "{index:5} {:10} {floor:>9} {count:8}  {}{point}",
                 cell.triangles.len(),
                 cell.name
             );
         }
-        println!("\nportal  width x height  cells");
+        println!("\nportal  width x height  cells (name, centre)");
         for (index, portal) in portals.iter().enumerate() {
             let [width, height] = extent(portal);
             let [a, b] = portal.cells.map(|cell| self.cell_name(cell));
             println!(
-                "{index:6}   {width:4.2} x {height:4.2} m  {a} | {b}  ({})",
-                portal.name
+                "{index:6}   {width:4.2} x {height:4.2} m  {a} | {b}  ({}, {})",
+                portal.name,
+                triple(frame.file_from_world(centre(portal)))
             );
         }
         let list = |names: &[&str]| {
@@ -240,7 +246,9 @@ impl Survey {
         }
     }
 
+    /// Returns the JSON object; positions are in the file's axes and unit.
     fn to_json(&self) -> Value {
+        let frame = &self.model.scene.frame;
         let cells: Vec<Value> = (0_u32..)
             .zip(&self.model.cells)
             .map(|(index, cell)| {
@@ -249,6 +257,7 @@ impl Survey {
                     "name": cell.name,
                     "triangles": cell.triangles.len(),
                     "floor_m2": floor_area(&self.model, index),
+                    "point": file::standing_point(&cell.space, frame).map(|p| p.to_array()),
                     "portals": portals.collect::<Vec<_>>(),
                     "outside": self.model.outside == Some(index),
                 })
@@ -256,12 +265,14 @@ impl Survey {
             .collect();
         let portal = |portal: &headbox_model::Portal| {
             let [width, height] = extent(portal);
-            let polygon = portal.polygon.iter().map(|p| p.to_array());
+            let corner = |p: &DVec3| frame.file_from_world(*p).to_array();
+            let polygon = portal.polygon.iter().map(corner);
             json!({
                 "name": portal.name,
                 "cells": portal.cells,
                 "width_m": width,
                 "height_m": height,
+                "centre": frame.file_from_world(centre(portal)).to_array(),
                 "polygon": polygon.collect::<Vec<_>>(),
             })
         };
@@ -299,9 +310,21 @@ fn floor_area(model: &PortalModel, cell: u32) -> f64 {
 
 /// Width in plan and height of an opening, metres.
 fn extent(portal: &headbox_model::Portal) -> [f64; 2] {
-    let points = || portal.polygon.iter().copied();
-    let low = points().reduce(DVec3::min).unwrap_or_default();
-    let high = points().reduce(DVec3::max).unwrap_or_default();
+    let [low, high] = bounds(portal);
     let size = high - low;
     [size.x.hypot(size.z), size.y]
+}
+
+/// Middle of an opening, world metres.
+fn centre(portal: &headbox_model::Portal) -> DVec3 {
+    let [low, high] = bounds(portal);
+    low.midpoint(high)
+}
+
+fn bounds(portal: &headbox_model::Portal) -> [DVec3; 2] {
+    let points = || portal.polygon.iter().copied();
+    [
+        points().reduce(DVec3::min).unwrap_or_default(),
+        points().reduce(DVec3::max).unwrap_or_default(),
+    ]
 }
