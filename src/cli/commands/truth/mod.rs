@@ -9,7 +9,7 @@ use crate::interrupt;
 use crate::messages::UsageError;
 use crate::output::{FRAME, Outputs, output_name, peak_rss_mb, print_json, save_picture};
 use crate::progress::{Bar, duration};
-use anyhow::anyhow;
+use anyhow::{Context, anyhow};
 use clap::Args;
 use glam::DVec3;
 use headbox_core::bounces::Bounces;
@@ -93,7 +93,7 @@ impl TruthCommand {
             camera,
             scene,
             half_size_m,
-        } = if self.is_ldi() {
+        } = if self.is_ldi()? {
             self.open_ldi(&outputs)?
         } else {
             self.open_scene(&outputs)?
@@ -104,7 +104,9 @@ impl TruthCommand {
             self.print_result(start, &format!("{views} images with depth"), json);
             return Ok(());
         }
+        let rays_start = Instant::now();
         let sum = self.trace(&camera, &scene, start);
+        let rays_s = rays_start.elapsed().as_secs_f64();
         let truth = sum.truth(&scene.lighting);
         if is_radiance(&self.output) {
             let size = (truth.frame.width, truth.frame.height);
@@ -116,14 +118,22 @@ impl TruthCommand {
         let known = error_db.is_finite().then_some(error_db);
         self.print_result(
             start,
-            &describe_noise(sum.samples(), error_db),
+            &describe_noise(sum.samples(), rays_s, error_db),
             json!({ "samples": sum.samples(), "standard_error_psnr_db": known }),
         );
         Ok(())
     }
 
-    fn is_ldi(&self) -> bool {
-        matches!(Container::peek_kind(Path::new(self.scene.name())), Ok(Some(tag)) if tag == FileKind::CUBE_LDI.tag)
+    /// Returns true if the input is a cube LDI; scenes need not be files.
+    fn is_ldi(&self) -> anyhow::Result<bool> {
+        let path = Path::new(self.scene.name());
+        match Container::peek_kind(path) {
+            Ok(tag) => Ok(tag == Some(FileKind::CUBE_LDI.tag)),
+            Err(cause) if path.extension().is_some_and(|it| it == "ldi") => {
+                Err(cause).with_context(|| path.display().to_string())
+            }
+            Err(_) => Ok(false),
+        }
     }
 
     /// Reopens the scene of a cube LDI.
@@ -359,13 +369,20 @@ impl Progress for SingleStage<'_> {
     }
 }
 
-/// Describes the noise of a frame, with a note if it limits comparisons.
-fn describe_noise(samples: u32, error_db: f64) -> String {
+/// Describes the noise of a frame that took `seconds`; if it limits comparisons, also how it is
+/// reduced and about how long that takes.
+fn describe_noise(samples: u32, seconds: f64, error_db: f64) -> String {
     /// PSNR that captures of a lit scene do not reach, dB.
     const AMPLE_DB: f64 = 40.0;
     let error = format!("{samples} rays per pixel, standard error {error_db:.1} dB (PSNR)");
     if error_db < AMPLE_DB {
-        format!("{error}; comparisons cannot exceed it: for less noise give --noise {AMPLE_DB}")
+        let factor = 10f64.powf((AMPLE_DB - error_db) / 10.0);
+        format!(
+            "{error}; comparisons cannot exceed it: for less noise give --noise {AMPLE_DB} \
+             (about {:.0} rays per pixel, {})",
+            f64::from(samples) * factor,
+            duration(seconds * factor)
+        )
     } else {
         error
     }
