@@ -101,7 +101,7 @@ impl ExportCommand {
             if given && !endings.iter().any(|wanted| ending == *wanted) {
                 let is_page = name == "--mb" && ending == "html";
                 let advice = if is_page {
-                    "; for a smaller page, capture with a smaller --face-size"
+                    "; for a smaller page, capture with --quality good or draft, or a smaller --face-size"
                 } else {
                     ""
                 };
