@@ -440,7 +440,7 @@ impl<'de> Visitor<'de> for Repair {
             let is_kept = if is_extras {
                 value.is_object()
             } else {
-                !value.is_null() && !(value == -1 && INDICES.contains(&name.as_str()))
+                !value.is_null() && (value != -1 || !INDICES.contains(&name.as_str()))
             };
             if is_kept {
                 object.insert(name, value);
