@@ -4,7 +4,7 @@ use glam::{DVec2, DVec3};
 use headbox_core::files::fold_name;
 use headbox_core::memory::{self, Reservation};
 use headbox_scene::load::encoding::decode_text;
-use headbox_scene::load::lines::{keyword, lines, words};
+use headbox_scene::load::lines::{keyword, lines, without_comment, words};
 use headbox_scene::load::material_names::MaterialNames;
 use headbox_scene::load::mtl::{self, Map, MtlMaterial};
 use headbox_scene::load::notes::Notes;
@@ -116,7 +116,11 @@ impl<'a> Archive<'a> {
         for written in &model.libraries {
             let names: Vec<&str> = match self.stored_name(&in_archive(written)) {
                 Some(_) => vec![written],
-                None => words(written).collect(),
+                // A number sign within a word belongs to the name.
+                None => without_comment(written)
+                    .unwrap_or(written)
+                    .split_whitespace()
+                    .collect(),
             };
             for library in names {
                 if let Some(bytes) = self.file(&in_archive(library)) {
