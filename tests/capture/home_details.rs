@@ -3,6 +3,7 @@
 
 use crate::homes::{home, home_xml, load};
 use glam::DVec3;
+use headbox_core::color::linear_from_srgb;
 use headbox_model::PortalModel;
 use headbox_model::load::LoadedModel;
 use headbox_scene::material::Material;
@@ -344,7 +345,7 @@ fn pictures_and_materials_in_an_archive_are_used() {
                  <texture image='1' width='90' height='60'/></pieceOfFurniture>";
     let xml = format!("<home wallHeight='250'>{floor}{}{chair}</home>", walls(""));
     let obj = "mtllib chair.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 1\nvt 0 0\nvt 1 0\nvt 1 1\nusemtl seat\nf 1/1 2/2 3/3\nusemtl leg\nf 1 2 3\n";
-    let mtl = "newmtl seat\nKd 1 1 1\nmap_Kd pictures\\cloth.png\nnewmtl leg\nKd 0.25 0.5 0.75\n";
+    let mtl = "newmtl seat\nKd 1 1 1\nmap_Kd pictures\\cloth.png\nnewmtl leg\nKd 0.2 0.4 0.6\n";
     let (parquet, cloth) = (picture([10, 20, 30]), picture([200, 100, 50]));
     let LoadedModel { model, .. } = archive(&[
         ("Home.xml", xml.as_bytes()),
@@ -396,7 +397,8 @@ fn pictures_and_materials_in_an_archive_are_used() {
         scene
             .materials
             .iter()
-            .any(|material| material.albedo == [0.25, 0.5, 0.75])
+            .any(|material| material.albedo == [0.2, 0.4, 0.6].map(linear_from_srgb)),
+        "colours are those that Sweet Home 3D shows"
     );
 }
 
@@ -411,11 +413,12 @@ fn model_with_comments_and_libraries_is_used() {
     let LoadedModel { model, .. } = archive(&[
         ("Home.xml", xml.as_bytes()),
         ("1/a.obj", obj.as_bytes()),
-        ("1/a.mtl", b"newmtl seat # soft\nKd 0.25 0.5 0.75\n"),
+        ("1/a.mtl", b"newmtl seat # soft\nKd 0.2 0.4 0.6\n"),
         ("1/b.mtl", b"newmtl other\nKd 0 0 0\n"),
     ]);
     let materials = &model.scene.materials;
-    assert!(materials.iter().any(|m| m.albedo == [0.25, 0.5, 0.75]));
+    let albedo = [0.2, 0.4, 0.6].map(linear_from_srgb);
+    assert!(materials.iter().any(|m| m.albedo == albedo));
 }
 
 #[test]

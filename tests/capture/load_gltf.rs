@@ -196,7 +196,7 @@ fn alpha_modes() {
         |alpha: f32| format!(r#""pbrMetallicRoughness":{{"baseColorFactor":[1,1,1,{alpha}]}}"#);
     assert!(
         dropped(&format!(r#"{{"alphaMode":"BLEND",{}}}"#, factor(0.4)))
-            .starts_with("2 triangles with an opacity below one half")
+            .starts_with("2 triangles with an opacity of one half or less")
     );
     assert!(!dropped(&format!(r#"{{"alphaMode":"BLEND",{}}}"#, factor(0.5))).contains("opacity"));
     assert!(

@@ -409,7 +409,7 @@ fn opacity_of_integer_colours_counts_in_their_range() {
         let error = load_text(asset.gltf(&format!("{NODE},{mesh},{materials}")));
         let error = error.expect_err("clear");
         assert!(
-            error.contains("2 triangles with an opacity below one half"),
+            error.contains("2 triangles with an opacity of one half or less"),
             "{error}"
         );
     }

@@ -61,7 +61,7 @@ fn alpha_is_factor_times_texture_times_vertex() {
     let gone = |opacity: f32, material: &str| {
         let error = with_opacities([opacity; 4], material).expect_err("nothing is left");
         assert!(
-            error.contains("2 triangles with an opacity below"),
+            error.contains("2 triangles with an opacity of one half or less"),
             "{error}"
         );
     };

@@ -600,7 +600,7 @@ fn map_options_place_the_texture() {
 }
 
 #[test]
-fn dissolve_below_one_half_drops_triangles() {
+fn dissolve_of_one_half_drops_triangles() {
     let text = |mtl: &str| {
         let folder = Folder::new();
         folder.write(
@@ -611,15 +611,15 @@ fn dissolve_below_one_half_drops_triangles() {
         let scene = folder.load("a.obj").expect("survives");
         (scene.triangles.len(), scene.summary.notes.join(" "))
     };
-    for glass in ["d 0.49", "Tr 0.6", "d 0\nmap_Kd missing.png"] {
+    for glass in ["d 0.5", "Tr 0.5", "d 0\nmap_Kd missing.png"] {
         let (count, notes) = text(glass);
         assert_eq!(count, 1, "{glass}");
         assert!(
-            notes.contains("3 triangles with an opacity below one half left out"),
+            notes.contains("3 triangles with an opacity of one half or less left out"),
             "{notes}"
         );
     }
-    for solid in ["d 0.5", "Tr 0.5", "d 1\nTr 1", "illum 4"] {
+    for solid in ["d 0.51", "Tr 0.49", "d 1\nTr 1", "illum 4"] {
         assert_eq!(text(solid).0, 4, "{solid}");
     }
     let (count, notes) = text("Tr 1");

@@ -97,8 +97,8 @@ impl<'a> Archive<'a> {
         self.models.get(name)?.clone()
     }
 
-    /// Reads the material files of a model, in its folder, and renames their maps to names in the
-    /// archive.
+    /// Reads the material files of a model, in its folder, with colours as Sweet Home 3D shows them,
+    /// and renames their maps to names in the archive.
     fn with_materials(&mut self, mut model: Model, name: &str) -> Model {
         let folder = name
             .rsplit_once('/')
@@ -133,6 +133,7 @@ impl<'a> Archive<'a> {
         model.names = MaterialNames::new(&model.materials);
         let rename = |map: &mut Map| map.file = in_archive(&map.file);
         for material in &mut model.materials {
+            material.decode_display_color();
             [
                 &mut material.diffuse_map,
                 &mut material.emissive_map,

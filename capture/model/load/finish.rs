@@ -2,6 +2,7 @@
 
 use super::xml::number;
 use glam::DVec2;
+use headbox_core::color::linear_from_srgb8;
 use roxmltree::Node;
 
 /// An image that is repeated over a surface.
@@ -62,8 +63,8 @@ fn repeated(texture: Node) -> Option<Repeated> {
     })
 }
 
-/// Reads a colour of alpha, red, green and blue in hexadecimal. It is linear, as in the export.
+/// Reads a colour of alpha, red, green and blue in hexadecimal, sRGB. Returns linear RGB.
 pub(super) fn color(node: Node, attribute: &str) -> Option<[f32; 3]> {
     let argb = u32::from_str_radix(node.attribute(attribute)?, 16).ok()?;
-    Some([16, 8, 0].map(|shift| f32::from((argb >> shift) as u8) / 255.0))
+    Some([16, 8, 0].map(|shift| linear_from_srgb8((argb >> shift) as u8)))
 }

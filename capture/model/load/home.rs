@@ -141,7 +141,7 @@ pub(super) struct Home {
     pub(super) openings: Vec<Opening>,
     pub(super) walls: Vec<Wall>,
     pub(super) pieces: Vec<FurniturePiece>,
-    /// Colour of the sky, sRGB from 0 to 1.
+    /// Colour of the sky, linear RGB.
     pub(super) sky_color: Option<[f32; 3]>,
     /// Colour of the ground around the home, likewise.
     pub(super) ground_color: Option<[f32; 3]>,

@@ -11,13 +11,14 @@ use super::finish::{Finish, Repeated};
 use super::home::{FurniturePiece, Home, Opening, Room, Wall};
 use crate::polygon::area_normal;
 use glam::{Affine2, DMat3, DVec2, DVec3};
+use headbox_core::color::linear_from_srgb;
 use headbox_scene::load::lines::without_comment;
 use headbox_scene::load::mtl::{Map, MtlMaterial};
 use headbox_scene::load::obj::EmbeddedImages;
 use std::collections::HashSet;
 use std::fmt::Write as _;
 
-/// Linear colours, as Sweet Home 3D exports them, of material names that models do not define.
+/// sRGB colours, as Sweet Home 3D exports them, of material names that models do not define.
 const KNOWN_COLORS: [(&str, [f32; 3]); 18] = [
     ("amber", [0.5755, 0.2678, 0.0]),
     ("black", [0.002; 3]),
@@ -39,7 +40,7 @@ const KNOWN_COLORS: [(&str, [f32; 3]); 18] = [
     ("yellowbrt", [1.0, 0.7837, 0.0]),
 ];
 
-/// Colour of surfaces without a finish.
+/// Colour of surfaces without a finish, linear RGB.
 const NEUTRAL: [f32; 3] = [0.7; 3];
 
 /// Sine of the greatest angle between a wall and an opening that belongs to it.
@@ -443,7 +444,7 @@ impl<'a> PlainHome<'a> {
         let known = KNOWN_COLORS
             .iter()
             .find(|(name, _)| *name == bare)
-            .map(|(_, color)| *color);
+            .map(|(_, color)| color.map(linear_from_srgb));
         self.paint_color(known.unwrap_or(NEUTRAL));
         None
     }

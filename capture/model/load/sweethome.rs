@@ -9,7 +9,7 @@ use super::{LoadedModel, ModelOptions};
 use crate::load::additions;
 use crate::{Cell, Portal, PortalModel, Prism};
 use glam::{DVec2, DVec3};
-use headbox_core::color::linear_from_srgb;
+use headbox_core::color::linear_from_srgb8;
 use headbox_core::file_frame::{FileFrame, UpAxis};
 use headbox_core::memory::{self, Reservation};
 use headbox_core::read_note::ReadNote;
@@ -134,21 +134,18 @@ pub(super) fn load(path: &Path, options: &ModelOptions) -> Result<LoadedModel, L
 
 /// Returns a sky and ground in the home's colours, as bright as with the default sun.
 fn sky(home: &Home) -> Sky {
-    /// Default colour of the sky in Sweet Home 3D, sRGB.
-    const SKY: [f32; 3] = [0.8, 0.894, 0.988];
-    /// Default colour of the ground in Sweet Home 3D, sRGB.
-    const GROUND: [f32; 3] = [0.659; 3];
+    /// Default colours of sky and ground in Sweet Home 3D, sRGB.
+    const SKY: [u8; 3] = [204, 228, 252];
+    const GROUND: [u8; 3] = [168; 3];
     /// Radiance of white level ground under sun and sky.
     const GROUND_RADIANCE: f32 = 1.2;
-    let horizon = home.sky_color.unwrap_or(SKY).map(linear_from_srgb);
+    let horizon = home.sky_color.unwrap_or(SKY.map(linear_from_srgb8));
+    let ground = home.ground_color.unwrap_or(GROUND.map(linear_from_srgb8));
     Sky::Gradient(SkyGradient {
         // A clear sky is darker at the zenith.
         zenith: horizon.map(|c| c * c),
         horizon,
-        ground: home
-            .ground_color
-            .unwrap_or(GROUND)
-            .map(|c| linear_from_srgb(c) * GROUND_RADIANCE),
+        ground: ground.map(|c| c * GROUND_RADIANCE),
     })
 }
 

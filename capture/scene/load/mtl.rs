@@ -6,6 +6,7 @@
 use super::lines::{has_decimal_comma, keyword, lines, words};
 use super::notes::{Note, Notes};
 use glam::{Affine2, Vec2};
+use headbox_core::color::linear_from_srgb;
 use std::collections::HashSet;
 use std::path::PathBuf;
 
@@ -50,6 +51,19 @@ pub struct MtlMaterial {
 }
 
 impl MtlMaterial {
+    /// Converts a diffuse colour that a program wrote as it shows it, in sRGB, to linear RGB.
+    /// Components outside 0..=1 are kept, for the note on them.
+    pub fn decode_display_color(&mut self) {
+        let decode = |c: f32| {
+            if (0.0..=1.0).contains(&c) {
+                linear_from_srgb(c)
+            } else {
+                c
+            }
+        };
+        self.diffuse = self.diffuse.map(|color| color.map(decode));
+    }
+
     /// Returns the opacity of the whole surface: 1 if it is not specified or
     /// [inverted](Self::is_tr_inverted).
     pub(super) fn opacity(&self) -> f32 {

@@ -245,7 +245,7 @@ impl Note {
             Self::SeeThrough => [
                 "triangle",
                 "triangles",
-                "with an opacity below one half left out",
+                "with an opacity of one half or less left out",
             ],
             Self::Coplanar => [
                 "triangle",

@@ -5,14 +5,15 @@
 //! materials, [`super::polygon`] triangulates.
 //!
 //! The format leaves open:
-//! * `Kd` is linear, vertex colours are sRGB, as most programs write them.
+//! * `Kd` is linear, vertex colours are sRGB, as most programs write them. In a file whose first
+//!   comments name Sweet Home 3D, `Kd` is sRGB: that program writes colours as it shows them.
 //! * A `Kd` of 0 with a `map_Kd` counts as absent. An absent `Kd` is white with vertex colours or a
 //!   texture, else grey.
 //! * Nothing is emitted if a `map_Ke` cannot be read.
 //! * A `Ka` with a component above 1 is emitted radiance, as in the common file of the Cornell box,
 //!   unless there is a `Ke`.
-//! * Triangles with an opacity (`d`, `Tr`) below one half and no map of it are left out, because
-//!   diffuse scenes have no clear glass; others are opaque.
+//! * Triangles with an opacity (`d`, `Tr`) of at most one half and no map of it are left out, because
+//!   diffuse scenes have no clear glass; others are opaque. Panes of Sweet Home 3D have one half.
 
 use super::builder::{Builder, GroupedScene, MeshError};
 use super::encoding::decode_text;
@@ -72,7 +73,12 @@ pub(super) fn load(
     };
     let scene = InputFolder::new(folder_of(path));
     let own = path.with_extension("mtl");
-    let materials = read_libraries(&obj, &file_name(&own), &scene, &mut notes);
+    let mut materials = read_libraries(&obj, &file_name(&own), &scene, &mut notes);
+    if hints.comments.contains(" sweet home 3d ") {
+        materials
+            .iter_mut()
+            .for_each(MtlMaterial::decode_display_color);
+    }
     let builder = Builder::with_hints(hints, notes);
     let images = EmbeddedImages::new();
     build(path, obj, &materials, &images, builder, groups)
@@ -478,7 +484,7 @@ fn convert(
         .or_else(|| slot(maps.own_alpha))
         .or_else(by_color);
     let opacity = opacity.filter(|slot| slot.is_cut_at(CUTOUT_THRESHOLD));
-    if opacity.is_none() && m.opacity() < 0.5 {
+    if opacity.is_none() && m.opacity() <= 0.5 {
         return None;
     }
 
