@@ -23,7 +23,7 @@ pub(super) struct FaceTextures {
 
 /// Minimum number of neighbours in a region of an empty pixel that is filled as a gap in the
 /// region.
-const GAP_NEIGHBOURS: usize = 6;
+const GAP_NEIGHBOURS: u32 = 6;
 
 /// Draws the tiles of the regions of a face, and unassigns the samples outside all tiles.
 pub(super) fn draw(grower: &mut Grower) -> FaceTextures {
@@ -310,17 +310,19 @@ impl TexturePainter<'_, '_> {
     /// Extrapolates the texel of a pixel outside the region from the region's colours in the eight
     /// pixels `around` it.
     ///
-    /// In a gap of the region the texel is opaque, and outside the face it has the mean alpha. At
-    /// the region's border, or where the region is occluded, it is transparent, so that the
+    /// In a gap of an opaque region the texel is opaque, and outside the face it has the mean alpha.
+    /// At the region's border, or where the region is occluded, it is transparent, so that the
     /// bilinear alpha falls like the weight of a tent, and adjacent surfaces are accumulated as
-    /// with samples.
+    /// with samples. It is transparent in a gap among partly covered pixels, too: of leaves or a
+    /// fence, where all rays have passed.
     fn extrapolate(&self, x: i32, y: i32, around: &[Option<[u8; 4]>]) -> [u8; 4] {
-        let (mut sum, mut count) = ([0u32; 4], 0);
+        let (mut sum, mut count, mut is_opaque) = ([0u32; 4], 0, true);
         for color in around.iter().flatten() {
             sum.iter_mut()
                 .zip(color)
                 .for_each(|(sum, c)| *sum += u32::from(*c));
             count += 1;
+            is_opaque &= color[3] == 255;
         }
         if count == 0 {
             return [0; 4];
@@ -331,7 +333,8 @@ impl TexturePainter<'_, '_> {
             return [r, g, b, alpha];
         }
         let is_gap = self.grower.face.pixel(x as u32, y as u32).is_empty()
-            && count as usize >= GAP_NEIGHBOURS;
+            && count >= GAP_NEIGHBOURS
+            && is_opaque;
         [r, g, b, if is_gap { 255 } else { 0 }]
     }
 }

@@ -11,7 +11,7 @@ use headbox_core::frame::Frame;
 use headbox_core::metrics::compare;
 use headbox_core::random::Rng;
 use headbox_core::simd;
-use headbox_cube::model::samples::{CubeSamples, DepthPixel};
+use headbox_cube::model::samples::{CubeSamples, DepthPixel, LayeredDepthImage};
 use headbox_cube::pack::file::CUBE_LDI;
 use headbox_cube::pack::{CubeLdi, Plane, PlaneSet, PlaneTile, SplatIndexLayout, Split};
 use headbox_cube::planes::{Bound, DEFAULT_ERROR_PX, choose, pack, pack_keeping_all_textures};
@@ -210,6 +210,58 @@ fn plane_textures_stay_within_bound() {
 
 /// A wall is drawn by few textures, a surface full of holes by smaller ones, which are no more
 /// expensive than its samples.
+/// A pixel without a sample is a gap in a wall, but among leaves or the wires of a fence, where all
+/// rays have passed.
+#[test]
+fn only_gaps_of_opaque_surfaces_are_filled() {
+    let wall = Scene {
+        shapes: vec![Shape::Disk {
+            centre: dvec3(0.0, 0.0, -9.0),
+            normal: DVec3::Z,
+            radius: 7.0,
+        }],
+        detail: 6.0,
+    };
+    let is_empty = |x: u32, y: u32| x % 4 == 1 && y % 4 == 1;
+    for (alpha, expected) in [(255, 255), (64, 0)] {
+        let mut ldi = quick(&wall, FACE_PX);
+        let face = &mut ldi.faces[Face::NegZ.index()];
+        let mut kept = LayeredDepthImage {
+            samples: Vec::new(),
+            offsets: vec![0],
+            ..face.clone()
+        };
+        for (y, x) in (0..FACE_PX).flat_map(|y| (0..FACE_PX).map(move |x| (y, x))) {
+            for sample in face.pixel(x, y).iter().filter(|_| !is_empty(x, y)) {
+                let mut sample = *sample;
+                sample.color_srgb[3] = alpha;
+                kept.samples.push(sample);
+            }
+            kept.offsets.push(kept.samples.len() as u32);
+        }
+        *face = kept;
+        let set = choose(&mut ldi, DEFAULT_ERROR_PX);
+        let middle = FACE_PX / 2 - 24..FACE_PX / 2 + 24;
+        let mut count = 0;
+        for tile in set
+            .tiles
+            .iter()
+            .filter(|tile| tile.face == Face::NegZ.index() as u16)
+        {
+            let width = i32::from(tile.width);
+            for (i, texel) in (0..).zip(&set.texels[tile.texel_range()]) {
+                let x = (i32::from(tile.x0) + i % width) as u32;
+                let y = (i32::from(tile.y0) + i / width) as u32;
+                if middle.contains(&x) && middle.contains(&y) && is_empty(x, y) {
+                    assert_eq!(texel[3], expected, "pixel {x}, {y} among alphas of {alpha}");
+                    count += 1;
+                }
+            }
+        }
+        assert!(count >= 144, "{count} empty pixels in textures");
+    }
+}
+
 #[test]
 fn texture_size_follows_cost() {
     for (scene, has_large) in [(room(6.0), true), (leaves(6.0), false)] {
@@ -582,7 +634,7 @@ fn zero_and_wide_bounds() {
         faces: ldi
             .faces
             .iter()
-            .map(|f| headbox_cube::model::samples::LayeredDepthImage::empty(f.face, 96))
+            .map(|f| LayeredDepthImage::empty(f.face, 96))
             .collect(),
         ..ldi
     };
