@@ -45,7 +45,11 @@ const EXAMPLES: [(&str, &str); 18] = [
          headbox images photos --depth                            estimate their depth, stored in the same folder\n  \
          headbox images scans/kitchen --depth -o new              as a new set, compared with its known depth",
     ),
-    ("info", "headbox info room.ldi --check"),
+    (
+        "info",
+        "headbox info room.ldi --check\n  \
+         headbox info room.obj                                    its extent, its lights, where a capture would stand",
+    ),
     (
         "render",
         "headbox render room.ldi -o frame.png\n  \

@@ -1,5 +1,7 @@
 //! `headbox info`.
 
+mod scene;
+
 use super::capture::describe_aimed_rays;
 use super::images::{ImagesCommand, is_image_set};
 use crate::commands::capture::deep::{self as capture_deep, is_deep_picture};
@@ -24,7 +26,7 @@ use std::path::PathBuf;
 
 #[derive(Args)]
 pub(crate) struct InfoCommand {
-    /// Input .ldi, .sprite, .lumi or .house file, shard, deep EXR, or folder of images
+    /// Input .ldi, .sprite, .lumi or .house file, shard, deep EXR, folder of images, or scene
     file: PathBuf,
     /// Verify the complete layout, of a shard sample by sample, and print ok
     #[arg(long)]
@@ -41,6 +43,9 @@ impl InfoCommand {
         }
         if is_deep_picture(&self.file.to_string_lossy()) {
             return capture_deep::describe(&self.file, self.json);
+        }
+        if scene::is_scene(&self.file.to_string_lossy()) {
+            return scene::describe(&self.file.to_string_lossy(), self.check, self.json);
         }
         let kind =
             Container::peek_kind(&self.file).with_context(|| format!("{}", self.file.display()))?;
