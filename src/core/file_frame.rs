@@ -89,6 +89,22 @@ impl FileFrame {
         NAMES.iter().find(is_unit).map(|(_, name)| *name)
     }
 
+    /// Returns a warning about an eye (world metres) that is farther from a scene's bounding box than
+    /// the box is large: it was probably given in other axes or another unit than the file's.
+    pub fn distant_eye_warning(&self, bounds: [DVec3; 2], eye: DVec3) -> Option<String> {
+        let [low, high] = bounds;
+        let distance_m = (eye - eye.clamp(low, high)).length();
+        let [a, b] = bounds.map(|corner| self.file_from_world(corner));
+        (distance_m > (high - low).length()).then(|| {
+            format!(
+                "the eye is farther from the scene than the scene is large: it reaches from {} to {} (in the file's axes \
+                 and unit)",
+                triple(a.min(b)),
+                triple(a.max(b))
+            )
+        })
+    }
+
     /// Returns the number of decimals with which positions in the file's unit are exact to a
     /// millimetre.
     pub fn millimetre_decimals(&self) -> usize {
@@ -130,6 +146,21 @@ pub fn triple(position: DVec3) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn distant_eyes_are_reported_in_the_files_axes() {
+        let frame = FileFrame {
+            unit_m: 0.01,
+            up: UpAxis::Z,
+        };
+        let bounds = [DVec3::new(-2.0, 0.0, -3.0), DVec3::new(2.0, 2.5, 3.0)];
+        let near = DVec3::new(0.0, 9.0, 0.0);
+        assert_eq!(frame.distant_eye_warning(bounds, near), None);
+        let far = DVec3::new(0.0, 1.0, -160.0);
+        let warning = frame.distant_eye_warning(bounds, far).expect("far away");
+        let reach = "reaches from -200,-300,0 to 200,300,250 (in the file's axes and unit)";
+        assert!(warning.ends_with(reach), "{warning}");
+    }
 
     #[test]
     fn units_have_names_and_millimetre_decimals() {

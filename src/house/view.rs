@@ -38,6 +38,8 @@ const OVERLAYS: [&str; 3] = ["none", "holes", "backdrops"];
 /// View of a house; the eye may leave it and pass through walls.
 pub struct HouseView {
     tour: Tour,
+    /// Bounding box of the house, world metres.
+    bounds: [DVec3; 2],
     start: StartView,
     size_px: [u32; 2],
     /// Initial variant.
@@ -62,6 +64,7 @@ impl HouseView {
         let initial = HouseVariant::for_store(&store);
         let (start, size_px) = initial_view(&house);
         Self {
+            bounds: house.scene().bounds(),
             tour: Tour::new(
                 Arc::new(house),
                 Arc::new(store),
@@ -251,7 +254,10 @@ impl View for HouseView {
             self.tour.store().bytes() as f64 / f64::from(1 << 20),
             "MiB",
         ));
-        if self.stats.cell.is_none() {
+        let eye = request.camera.eye();
+        if let Some(warning) = self.file_frame().distant_eye_warning(self.bounds, eye) {
+            report.warnings.push(warning);
+        } else if self.stats.cell.is_none() {
             let why = "the eye is in no cell (inside a wall?); all cells are drawn as geometry";
             report.warnings.push(why.into());
         }

@@ -1,7 +1,7 @@
 //! Headboxes that are requested in bad places, and the same flags in the window; extensions in
 //! help.
 
-use crate::run::{headbox, succeeds};
+use crate::run::{headbox, json, succeeds};
 use headbox_core::inputs::{HOMES, REPRESENTATIONS, SCENES, shown_extensions};
 use std::path::Path;
 
@@ -60,6 +60,40 @@ fn headbox_of_scene_is_captured_without_warning() {
     let (code, messages) = capture(dir.path(), &[]);
     assert_eq!(code, Some(0), "{messages}");
     assert!(!messages.contains("warning: "), "{messages}");
+}
+
+#[test]
+fn scene_is_described_with_the_headbox_of_a_capture() {
+    let dir = tempfile::tempdir().unwrap();
+    let scene = json(dir.path(), &["info", "builtin:interior", "--json"]);
+    let (code, messages) = capture(dir.path(), &[]);
+    assert_eq!(code, Some(0), "{messages}");
+    let captured = json(dir.path(), &["info", "a.ldi", "--json"]);
+    for key in ["center", "half_size"] {
+        assert_eq!(scene["headbox"][key], captured[key], "{key}");
+    }
+    for axis in 0..3 {
+        let at = |place: &serde_json::Value| place[axis].as_f64().expect("a number");
+        let [low, high] = [0, 1].map(|end| at(&scene["extent"][end]));
+        let centre = at(&captured["center"]);
+        assert!(low < centre && centre < high, "{scene}");
+    }
+    let text = succeeds(dir.path(), &["info", "builtin:interior", "--check"]);
+    assert!(text.contains("extent") && text.contains("\nok: "), "{text}");
+}
+
+#[test]
+fn eye_far_from_the_scene_is_warned_about() {
+    let dir = tempfile::tempdir().unwrap();
+    for (eye, is_far) in [("0,160,0", true), ("0,1.6,0", false)] {
+        let fixed = "truth builtin:interior -o t.png --size 8x6 --samples 1 --unlit --eye";
+        let arguments: Vec<&str> = fixed.split(' ').chain([eye]).collect();
+        let output = headbox(dir.path(), &arguments);
+        let messages = String::from_utf8(output.stderr).expect("UTF-8");
+        assert_eq!(output.status.code(), Some(0), "{messages}");
+        let warning = "the eye is farther from the scene than the scene is large";
+        assert_eq!(messages.contains(warning), is_far, "{messages}");
+    }
 }
 
 #[cfg(feature = "viewer")]

@@ -161,6 +161,12 @@ impl TruthCommand {
         let scene = Arc::new(self.scene.source().open()?);
         outputs.add_scene(self.scene.name(), &scene, self.strict)?;
         let (camera, tracer) = self.camera.aim(&scene)?;
+        let distant = scene
+            .frame
+            .distant_eye_warning(scene.bounds(), camera.eye());
+        if let Some(warning) = distant {
+            eprintln!("warning: {warning}");
+        }
         let place = if self.unlit {
             camera.eye() // nothing is metered
         } else {
