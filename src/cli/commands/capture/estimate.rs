@@ -28,9 +28,10 @@ const REDUCTION: u32 = 4;
 /// after they start.
 const RAY_SHARE: f64 = 0.75;
 
-/// Time in which a depth pixel of the capture is lit, merged and packed, as a share of that in the
-/// rehearsal: on larger faces light is pooled over more of them.
-const LIGHT_SHARE: f64 = 0.65;
+/// Factor and power of the face size by which the time for light, merging and packing grows: on
+/// larger faces light is pooled over more pixels.
+const LIGHT_FACTOR: f64 = 0.88;
+const LIGHT_POWER: f64 = 1.75;
 
 /// Rounds of the search for holes for each round of the rehearsal.
 const ROUNDS_SHARE: f64 = 1.5;
@@ -115,7 +116,7 @@ impl Estimate {
         let ldi = capture.light_and_merge(&tracing)?;
         let samples: usize = ldi.faces.iter().map(|face| face.samples.len()).sum();
         let packed = packing.pack(ldi)?;
-        let light_s = stage_start.elapsed().as_secs_f64() * scale * scale * LIGHT_SHARE;
+        let light_s = stage_start.elapsed().as_secs_f64() * LIGHT_FACTOR * scale.powf(LIGHT_POWER);
         let depth_pixels = samples as f64 * scale * scale;
         Ok(Self {
             before_s: start.elapsed().as_secs_f64(),
