@@ -7,7 +7,7 @@ use crate::output::{CUBE, Outputs, peak_rss_mb, print_json, print_warnings};
 use crate::packing::describe_cube;
 use crate::progress::Bar;
 use anyhow::bail;
-use headbox_images::check_neighbors;
+use headbox_images::{View, check_neighbors};
 use serde_json::json;
 use std::path::Path;
 use std::time::Instant;
@@ -93,7 +93,20 @@ impl CaptureCommand {
             "{output}: {content} from {} images, {total_s:.2} s",
             views.len()
         );
-        println!("look at it: headbox render {output} -o frame.png");
+        let fov = narrowest_fov(&views).map_or(String::new(), |fov| format!(" --fov {fov:.0}"));
+        println!("look at it: headbox render {output} -o frame.png{fov}");
         Ok(())
     }
+}
+
+/// Returns the smallest vertical field of view of the images, degrees, if it is narrower than that
+/// of frames by default, which would show what no image does; `None` otherwise.
+fn narrowest_fov(views: &[&View]) -> Option<f64> {
+    const DEFAULT_DEG: f64 = 60.0;
+    let fovs = views.iter().filter_map(|view| view.camera());
+    let narrowest = fovs
+        .map(|camera| camera.fov_y_deg())
+        .reduce(f64::min)
+        .filter(|fov| *fov < DEFAULT_DEG)?;
+    Some(narrowest.floor().max(1.0))
 }
