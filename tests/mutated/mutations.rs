@@ -79,6 +79,13 @@ const BUDGET_BYTES: u64 = 256 << 20;
 /// accumulator store for the largest allowed face (8,192 px), some tens of MiB; a picture may take
 /// the budget. An unchecked count would request gigabytes.
 const MOST_BYTES: usize = 256 << 20;
+/// Kinds of files that hold uncompressed what they declare.
+const PLAIN: [&str; 5] = ["a.obj", "a.ply", "a.stl", "a.glb", "a.npy"];
+/// Maximum size of a single allocation for a plain file, as a multiple of its size, beside
+/// [`SMALL_BYTES`].
+const MOST_TIMES: usize = 10;
+/// Size up to which allocations do not depend on the file: buffers of readers and threads.
+const SMALL_BYTES: usize = 64 << 10;
 /// Maximum sum of all allocations: the budget, and as much for what is not counted in it.
 const MOST_LIVE_BYTES: usize = 2 * BUDGET_BYTES as usize;
 /// Time after which a reader is too slow. A development build takes at most a fifth of it for a
@@ -240,10 +247,16 @@ fn run_reader(kind: &str, seed: u64, folder: &Path, read: impl Fn(&Path) -> bool
     let elapsed = started.elapsed();
     *running() = None;
     let largest = LARGEST.load(Ordering::Relaxed);
+    let most = if PLAIN.contains(&kind) {
+        let file = std::fs::metadata(folder.join(kind)).expect("written");
+        SMALL_BYTES + MOST_TIMES * file.len() as usize
+    } else {
+        MOST_BYTES
+    };
     let peak = PEAK.load(Ordering::Relaxed).saturating_sub(before);
     let fault = match outcome {
         Err(_) => "panic".to_owned(),
-        Ok(_) if largest > MOST_BYTES => format!("an allocation of {largest} bytes"),
+        Ok(_) if largest > most => format!("an allocation of {largest} bytes"),
         Ok(_) if peak > MOST_LIVE_BYTES => format!("{peak} bytes of memory"),
         Ok(_) if elapsed > MOST_TIME => format!("{:.1} s", elapsed.as_secs_f64()),
         Ok(is_sound) => return is_sound,
