@@ -78,6 +78,9 @@ fn scene_is_described_with_the_headbox_of_a_capture() {
         let centre = at(&captured["center"]);
         assert!(low < centre && centre < high, "{scene}");
     }
+    let home = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/corpus/Home.xml");
+    let text = succeeds(dir.path(), &["info", home]);
+    assert!(text.contains("listed by headbox house"), "{text}");
     let text = succeeds(dir.path(), &["info", "builtin:interior", "--check"]);
     assert!(text.contains("extent") && text.contains("\nok: "), "{text}");
 }

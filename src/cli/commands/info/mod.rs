@@ -26,7 +26,7 @@ use std::path::PathBuf;
 
 #[derive(Args)]
 pub(crate) struct InfoCommand {
-    /// Input .ldi, .sprite, .lumi or .house file, shard, deep EXR, folder of images, or scene
+    /// Input .ldi, .sprite, .lumi or .house file, shard, deep EXR, folder of images, scene or home
     file: PathBuf,
     /// Verify the complete layout, of a shard sample by sample, and print ok
     #[arg(long)]

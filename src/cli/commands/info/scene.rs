@@ -5,18 +5,22 @@ use crate::messages::format_count;
 use crate::output::{print_json, print_notes};
 use headbox_core::file_frame::{figure, triple};
 use headbox_core::headbox::Headbox;
-use headbox_core::inputs::SCENES;
+use headbox_core::inputs::{HOMES, SCENES};
 use headbox_ldi::scene_source::SceneSource;
 use headbox_scene::scene::Scene;
 use serde_json::json;
 use std::path::Path;
 use std::sync::Arc;
 
-/// Returns true if an input is a scene: `builtin:NAME` or a file with an extension of scenes.
+/// Returns true if an input is a scene: `builtin:NAME` or a file with an extension of scenes or
+/// homes.
 pub(super) fn is_scene(name: &str) -> bool {
+    name.starts_with("builtin:") || has_extension(name, &SCENES) || has_extension(name, &HOMES)
+}
+
+fn has_extension(name: &str, extensions: &[&str]) -> bool {
     let extension = Path::new(name).extension().unwrap_or_default();
-    let extension = extension.to_string_lossy().to_lowercase();
-    name.starts_with("builtin:") || SCENES.contains(&extension.as_str())
+    extensions.contains(&extension.to_string_lossy().to_lowercase().as_str())
 }
 
 /// Describes a scene: size, extent and lights, and where a capture would put the headbox.
@@ -62,6 +66,9 @@ pub(super) fn describe(name: &str, is_checked: bool, is_json: bool) -> anyhow::R
             figure(half_size_m / frame.unit_m)
         ),
         Err(error) => println!("  headbox     {error}"),
+    }
+    if has_extension(name, &HOMES) {
+        println!("  rooms       listed by headbox house {name}");
     }
     if is_checked {
         println!("ok: every promise of the layout holds");
