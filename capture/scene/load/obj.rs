@@ -12,8 +12,9 @@
 //! * Nothing is emitted if a `map_Ke` cannot be read.
 //! * A `Ka` with a component above 1 is emitted radiance, as in the common file of the Cornell box,
 //!   unless there is a `Ke`.
-//! * Triangles with an opacity (`d`, `Tr`) of at most one half and no map of it are left out, because
-//!   diffuse scenes have no clear glass; others are opaque. Panes of Sweet Home 3D have one half.
+//! * Triangles with an opacity (`d`, `Tr`) of at most one half and no map of it are left out,
+//!   because diffuse scenes have no clear glass; others are opaque. Panes of Sweet Home 3D have one
+//!   half.
 
 use super::builder::{Builder, GroupedScene, MeshError};
 use super::encoding::decode_text;
