@@ -6,22 +6,15 @@
     reason = "in a test a panic is the failure report"
 )]
 
-use super::run::{fails, headbox};
+use super::run::{fails, headbox, outputs};
 use image::{ImageBuffer, Luma, Rgb, RgbImage};
 use std::fmt::Write as _;
 use std::path::Path;
 
-fn succeeds(folder: &Path, arguments: &[&str]) -> (String, String) {
-    let output = headbox(folder, arguments);
-    let [out, err] = [output.stdout, output.stderr].map(|bytes| String::from_utf8(bytes).unwrap());
-    assert!(output.status.success(), "{arguments:?}: {err}");
-    (out, err)
-}
-
 /// Half sizes of the room, metres.
 const HALF: [f64; 3] = [2.0, 1.5, 2.0];
 const SIZE: [u32; 2] = [96, 72];
-const DEPTH_FOCAL: f64 = 90.0;
+pub(super) const DEPTH_FOCAL: f64 = 90.0;
 
 /// Largest error of the castle's cameras, metres.
 const STEP_M: f64 = 0.05;
@@ -32,7 +25,7 @@ const LEFT: f64 = 0.1;
 
 /// Frames of a sensor that rotates in a room; its colour camera has a focal length of `color_focal`
 /// pixels.
-fn room(folder: &Path, color_focal: f64) {
+pub(super) fn room(folder: &Path, color_focal: f64) {
     std::fs::create_dir(folder.join("room")).unwrap();
     for i in 0..8u32 {
         let (sin, cos) = (f64::from(i) * 0.07).sin_cos();
@@ -94,7 +87,7 @@ fn folder_of_images_works_in_every_command() {
             &of_sets(flag),
         );
     }
-    let (_, quick) = succeeds(
+    let (_, quick) = outputs(
         dir.path(),
         &["render", "room", "-o", "as-given.png", "--no-registration"],
     );
@@ -137,15 +130,15 @@ fn folder_of_images_works_in_every_command() {
         &["capture", "room", "-o", "x.ldi", "--agreement", "9"],
         "--agreement is for folders of photographs without depth",
     );
-    let (info, _) = succeeds(dir.path(), &["info", "room", "--json"]);
+    let (info, _) = outputs(dir.path(), &["info", "room", "--json"]);
     let info: serde_json::Value = serde_json::from_str(&info).unwrap();
     assert_eq!(
         (info["kind"].as_str(), info["with_depth"].as_u64()),
         (Some("images"), Some(8))
     );
-    let (_, said) = succeeds(dir.path(), &["capture", "room", "-o", "room.ldi"]);
+    let (_, said) = outputs(dir.path(), &["capture", "room", "-o", "room.ldi"]);
     assert!(said.contains("kept as given"), "{said}");
-    let (info, _) = succeeds(dir.path(), &["info", "room.ldi", "--json"]);
+    let (info, _) = outputs(dir.path(), &["info", "room.ldi", "--json"]);
     let info: serde_json::Value = serde_json::from_str(&info).unwrap();
     let capture = &info["capture"];
     // Colours of photographs are stored as they are.
@@ -155,7 +148,7 @@ fn folder_of_images_works_in_every_command() {
     );
     let camera = ["--size", "96x72", "--fov", "40", "--json"];
     let render = |file: &str, output: &str| {
-        let (stats, _) = succeeds(
+        let (stats, _) = outputs(
             dir.path(),
             &[["render", file, "-o", output].as_slice(), &camera].concat(),
         );
@@ -170,7 +163,7 @@ fn folder_of_images_works_in_every_command() {
         pictures[0] == pictures[1],
         "a folder and its capture look the same"
     );
-    let (summary, _) = succeeds(
+    let (summary, _) = outputs(
         dir.path(),
         &["report", "room", "--hold-out", "4", "-o", "out"],
     );
@@ -311,7 +304,7 @@ fn colours_of_another_lens_are_registered_unless_refused() {
     let dir = tempfile::tempdir().unwrap();
     room(dir.path(), 80.0);
     let psnr = |more: &[&str]| {
-        let (_, said) = succeeds(
+        let (_, said) = outputs(
             dir.path(),
             &[
                 ["report", "room", "--hold-out", "4", "-o", "out"].as_slice(),
@@ -343,231 +336,6 @@ fn colours_of_another_lens_are_registered_unless_refused() {
     );
 }
 
-/// Photographs of a patterned ball on black, by Middlebury's conventions, taken by cameras on an
-/// arc that lie on their side.
-fn ball(folder: &Path) {
-    let (size, focal, turns) = (
-        [64u32, 48u32],
-        90.0,
-        [-36.0f64, -24.0, -12.0, 0.0, 12.0, 24.0, 36.0],
-    );
-    std::fs::create_dir(folder.join("ball")).unwrap();
-    let mut parameters = format!("{}\n", turns.len());
-    for (i, degrees) in turns.iter().enumerate() {
-        let (sin, cos) = degrees.to_radians().sin_cos();
-        // Rows: right, down and ahead of a camera two metres from the ball; down is to its side.
-        let rows = [[0.0, 1.0, 0.0], [-cos, 0.0, sin], [sin, 0.0, cos]];
-        let eye = rows[2].map(|c: f64| -2.0 * c);
-        let dot = |a: [f64; 3], b: [f64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-        let color = |x: u32, y: u32| {
-            let at = |v: u32, side: u32| (f64::from(v) + 0.5 - f64::from(side) / 2.0) / focal;
-            let (u, v) = (at(x, size[0]), at(y, size[1]));
-            let ray: [f64; 3] =
-                std::array::from_fn(|k| u * rows[0][k] + v * rows[1][k] + rows[2][k]);
-            let (a, b, c) = (dot(ray, ray), dot(ray, eye), dot(eye, eye) - 0.4 * 0.4);
-            let root = b * b - a * c;
-            if root < 0.0 {
-                return Rgb([0, 0, 0]);
-            }
-            let t = (-b - root.sqrt()) / a;
-            let p: [f64; 3] = std::array::from_fn(|k| eye[k] + ray[k] * t);
-            let level = |c: f64| {
-                150.0
-                    + 45.0 * (9.0 * p[0] + 5.0 * p[1] + c).sin()
-                    + 40.0 * (8.0 * p[1] - 7.0 * p[2] - c).sin()
-            };
-            Rgb([0.0, 1.0, 2.0].map(|c| level(c) as u8))
-        };
-        RgbImage::from_fn(size[0], size[1], color)
-            .save(folder.join(format!("ball/ball{i}.png")))
-            .unwrap();
-        let [cx, cy] = size.map(|side| f64::from(side) / 2.0 - 0.5);
-        write!(
-            parameters,
-            "ball{i}.png {focal} 0 {cx} 0 {focal} {cy} 0 0 1"
-        )
-        .unwrap();
-        rows.iter()
-            .flatten()
-            .for_each(|r| write!(parameters, " {r}").unwrap());
-        writeln!(parameters, " 0 0 2").unwrap();
-    }
-    std::fs::write(folder.join("ball/ball_par.txt"), parameters).unwrap();
-}
-
-#[test]
-fn photographs_without_depth_are_captured_and_measured() {
-    let dir = tempfile::tempdir().unwrap();
-    ball(dir.path());
-    let (said, _) = succeeds(
-        dir.path(),
-        &[
-            "capture", "ball", "-o", "ball.ldi", "--center", "0,0,-2", "--json",
-        ],
-    );
-    let said: serde_json::Value = serde_json::from_str(&said).unwrap();
-    assert!(
-        said["images"] == 7 && said["depth_pixels"].as_u64().unwrap() > 800,
-        "{said}"
-    );
-    succeeds(dir.path(), &["info", "ball.ldi", "--check"]);
-    succeeds(
-        dir.path(),
-        &[
-            "render", "ball.ldi", "-o", "ball.png", "--size", "64x48", "--fov", "30",
-        ],
-    );
-    // As in the photographs, which lie on their side: the direction along the arc is vertical in
-    // them.
-    let drawn = image::open(dir.path().join("ball.png")).unwrap().to_rgb8();
-    let taken = image::open(dir.path().join("ball/ball3.png"))
-        .unwrap()
-        .to_rgb8();
-    let apart = |a: &RgbImage, b: &RgbImage| {
-        let differences = a
-            .pixels()
-            .zip(b.pixels())
-            .map(|(a, b)| (0..3).map(|c| u32::from(a[c].abs_diff(b[c]))).sum::<u32>());
-        f64::from(differences.sum::<u32>()) / f64::from(3 * a.width() * a.height())
-    };
-    // Dark rims widen a ball of 36 pixels by one pixel on each side.
-    assert!(
-        apart(&drawn, &taken) < 18.0,
-        "{} levels",
-        apart(&drawn, &taken)
-    );
-    let turned = image::imageops::rotate180(&taken);
-    assert!(
-        apart(&drawn, &turned) > 1.5 * apart(&drawn, &taken),
-        "the frame stands as the photographs do"
-    );
-    let (summary, _) = succeeds(
-        dir.path(),
-        &["report", "ball", "--hold-out", "4", "-o", "out"],
-    );
-    let covered = |row: &str| -> f64 {
-        let line = summary
-            .lines()
-            .find(|line| line.starts_with(&format!("| {row} |")))
-            .unwrap();
-        line.split('|')
-            .nth(5)
-            .unwrap()
-            .trim()
-            .trim_end_matches(" %")
-            .parse()
-            .unwrap()
-    };
-    assert!(
-        covered("photograph") == 100.0 && covered("ldi") > 85.0 && covered("ldi-beside") > 85.0,
-        "{summary}"
-    );
-    assert!(
-        std::fs::read_dir(dir.path().join("out")).unwrap().count() == 4,
-        "two sheets, a table, a summary"
-    );
-    let refused = headbox(
-        dir.path(),
-        &["capture", "ball", "-o", "no.ldi", "--backdrop", "255"],
-    );
-    let why = String::from_utf8(refused.stderr).unwrap();
-    assert!(
-        refused.status.code() == Some(1) && why.contains("agree on no surface"),
-        "{why}"
-    );
-    for wrong in [["--agreement", "0"], ["--backdrop", "dim"]] {
-        let refused = headbox(
-            dir.path(),
-            &[["capture", "ball", "-o", "no.ldi"].as_slice(), &wrong].concat(),
-        );
-        assert_eq!(refused.status.code(), Some(2), "{wrong:?}");
-    }
-    assert!(!dir.path().join("no.ldi").exists());
-}
-
-#[test]
-fn depth_of_photographs_is_estimated_cached_and_compared() {
-    let dir = tempfile::tempdir().unwrap();
-    ball(dir.path());
-    let json = |arguments: &[&str]| -> serde_json::Value {
-        serde_json::from_str(&succeeds(dir.path(), &[arguments, &["--json"]].concat()).0).unwrap()
-    };
-    let found = json(&["images", "ball", "--depth"]);
-    // The ball covers a quarter of each image; its rim and the surfaces that only the outermost two
-    // show stay unknown.
-    let share = found["found_depth"]["share"].as_f64().unwrap();
-    assert!(
-        share > 0.12
-            && share < 0.3
-            && found["with_depth"] == 7
-            && found["found_depth"]["known"].is_null(),
-        "{found}"
-    );
-    let (said, notes) = succeeds(dir.path(), &["images", "ball"]);
-    assert!(
-        said.contains("7 with depth") && notes.contains("estimated from the images"),
-        "{said}{notes}"
-    );
-    // Two metres from the eyes, a radius of 0.4.
-    let depth = found["median_depth_m"].as_f64().unwrap();
-    assert!(depth > 1.6 && depth < 1.8, "{found}");
-    let (_, said) = succeeds(
-        dir.path(),
-        &[
-            "render",
-            "ball",
-            "-o",
-            "g.png",
-            "--size",
-            "64x48",
-            "--variant",
-            "geometry-averaged",
-        ],
-    );
-    assert!(
-        !said.contains("registration"),
-        "colours and depth are of one camera: {said}"
-    );
-    let captured = json(&["capture", "ball", "-o", "ball.ldi"]);
-    assert!(captured["images"] == 7, "{captured}");
-
-    room(dir.path(), DEPTH_FOCAL);
-    let refused = |arguments: &[&str], status: i32, expected: &str| {
-        let output = headbox(dir.path(), arguments);
-        let said = String::from_utf8(output.stderr).unwrap();
-        assert!(
-            output.status.code() == Some(status) && said.contains(expected),
-            "{arguments:?}: {said}"
-        );
-    };
-    refused(&["images", "room", "--depth"], 1, "-o FOLDER");
-    refused(&["images", "room", "--depth", "-o", "ball"], 1, "not empty");
-    refused(&["images", "room", "-o", "new"], 2, "--depth");
-    // A camera that rotates about its eye gives no depth, and no half-written folder.
-    refused(
-        &["images", "room", "--depth", "-o", "new"],
-        1,
-        "no depth found in 8 photographs: none of them overlaps another from a different position",
-    );
-    assert!(!dir.path().join("new").exists());
-    let wall = ["truth", "builtin:castle", "--images", "3x1", "-o", "wall"];
-    succeeds(
-        dir.path(),
-        &[wall.as_slice(), &["--size", "160x120", "--unlit"]].concat(),
-    );
-    let compared = json(&["images", "wall", "--depth", "-o", "new"]);
-    let known = &compared["found_depth"]["known"];
-    assert!(
-        known["covered"].as_f64().unwrap() > 0.1
-            && compared["views"].as_array().unwrap().len() == 3,
-        "{compared}"
-    );
-    assert!(
-        dir.path().join("new/transforms.json").is_file()
-            && dir.path().join("new/images/00002.png").is_file()
-    );
-}
-
 /// A view without depth is not captured, and its image is not read; `images` checks every file.
 #[test]
 fn unused_pictures_are_not_read() {
@@ -585,7 +353,7 @@ fn unused_pictures_are_not_read() {
         "1",
         "--unlit",
     ];
-    succeeds(dir.path(), &images);
+    outputs(dir.path(), &images);
     let file = dir.path().join("castle/transforms.json");
     let mut set: serde_json::Value =
         serde_json::from_slice(&std::fs::read(&file).unwrap()).unwrap();
@@ -597,7 +365,7 @@ fn unused_pictures_are_not_read() {
         .join(frame["file_path"].as_str().unwrap());
     std::fs::write(&file, set.to_string()).unwrap();
     RgbImage::new(40, 30).save(&picture).unwrap();
-    let (captured, _) = succeeds(
+    let (captured, _) = outputs(
         dir.path(),
         &[
             "capture",
@@ -637,9 +405,9 @@ fn slightly_wrong_poses_are_refined() {
         "1",
         "--unlit",
     ];
-    succeeds(dir.path(), &truth);
+    outputs(dir.path(), &truth);
     let eyes = |more: &[&str]| -> (Vec<[f64; 3]>, String) {
-        let (out, said) = succeeds(
+        let (out, said) = outputs(
             dir.path(),
             &[&["images", "castle", "--json"], more].concat(),
         );
@@ -763,7 +531,7 @@ fn picture_defects_are_reported() {
         std::fs::copy(from, to).unwrap();
     }
     std::fs::remove_file(dir.path().join("room/frame-000003.color.png")).unwrap();
-    let (_, said) = succeeds(
+    let (_, said) = outputs(
         dir.path(),
         &["capture", "room", "-o", "room.ldi", "--no-registration"],
     );
@@ -771,7 +539,7 @@ fn picture_defects_are_reported() {
         said.contains("warning: views with the same pose: frame-000000.color.png"),
         "{said}"
     );
-    let (_, said) = succeeds(dir.path(), &["images", "room"]);
+    let (_, said) = outputs(dir.path(), &["images", "room"]);
     for expected in [
         "left out 1 of 9 frames: frame-000003.pose.txt (room/frame-000003.color.png: cannot be read",
         "no pixel has a valid depth (all are zero or not numbers): frame-000001.color.png",
@@ -811,7 +579,7 @@ fn captures_of_images_keep_the_memory_limit() {
                 let message = format!("merging the images needs at least {needed} MiB");
                 fails(dir.path(), 1, &arguments, &message);
             }
-            None => _ = succeeds(dir.path(), &arguments),
+            None => _ = outputs(dir.path(), &arguments),
         }
         assert_eq!(path("a.ldi").exists(), refused.is_none());
     };

@@ -11,6 +11,7 @@ mod images_cli;
 mod light_cli;
 mod lumigraph_cli;
 mod paths_cli;
+mod photographs_cli;
 mod portal_cli;
 mod run;
 mod sequence_cli;

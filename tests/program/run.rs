@@ -39,13 +39,15 @@ pub(crate) fn fails(folder: &Path, code: i32, arguments: &[&str], expected: &str
 
 /// Runs a command that must succeed, and returns its standard output.
 pub(crate) fn succeeds(folder: &Path, arguments: &[&str]) -> String {
+    outputs(folder, arguments).0
+}
+
+/// Runs a command that must succeed, and returns its standard output and error.
+pub(crate) fn outputs(folder: &Path, arguments: &[&str]) -> (String, String) {
     let output = headbox(folder, arguments);
-    assert!(
-        output.status.success(),
-        "{arguments:?}: {}",
-        String::from_utf8_lossy(&output.stderr)
-    );
-    String::from_utf8(output.stdout).unwrap()
+    let [out, err] = [output.stdout, output.stderr].map(|bytes| String::from_utf8(bytes).unwrap());
+    assert!(output.status.success(), "{arguments:?}: {err}");
+    (out, err)
 }
 
 /// Parses the JSON output of a command that must succeed.

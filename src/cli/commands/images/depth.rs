@@ -4,11 +4,13 @@ use crate::image_set::SetArgs;
 use crate::progress::Bar;
 use anyhow::{Context, bail};
 use clap::Args;
-use headbox_core::files;
+use headbox_core::files::{self, StagingFolder};
 use headbox_core::progress::Progress;
 use headbox_images::dense_depth::{Agreement, DenseDepth};
 use headbox_images::{ImageSet, ImageSetOptions, View, write_set};
 use serde_json::{Value, json};
+use std::ffi::OsString;
+use std::io;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -29,6 +31,9 @@ pub(super) struct DepthArgs {
         value_parser = clap::value_parser!(u32).range(64..=16384))]
     depth_size: u32,
 }
+
+/// Longer side of images from which depth takes minutes, pixels.
+const LARGE_PX: u32 = 640;
 
 /// Result of the depth estimation.
 pub(super) struct Outcome {
@@ -69,6 +74,14 @@ impl DepthArgs {
         let names: Vec<String> = set.views.iter().map(|view| view.name.clone()).collect();
         let (mut agreement, mut views, mut failed) = (Agreement::default(), 0, None);
         bar.begin("finding depth", "steps", set.find_depth_steps());
+        let sides = set.views.iter().flat_map(|view| view.size_px);
+        let longest = sides.max().unwrap_or(0).min(self.depth_size);
+        if longest > LARGE_PX {
+            eprintln!(
+                "note: --depth-size {} finds coarser depth in about a fourth of the time",
+                longest.div_ceil(2)
+            );
+        }
         let settings = DenseDepth {
             longest_px: self.depth_size,
             ..DenseDepth::default()
@@ -94,7 +107,7 @@ impl DepthArgs {
             return Err(error.into());
         }
         if let Some(copy) = copy {
-            copy.keep();
+            set.folder = copy.publish()?;
         }
         Ok(Some(Outcome {
             views,
@@ -105,29 +118,53 @@ impl DepthArgs {
     }
 }
 
-/// New folder of a copied set, emptied again unless it is kept: a copy without depth is of no use.
-struct CopiedFolder {
-    path: PathBuf,
-    is_new: bool,
-    is_kept: bool,
+/// Copy of a set in a temporary folder inside the output folder: its files move up once it has
+/// depth, so that an interrupt leaves nothing that looks like a set.
+struct StagedSet {
+    staging: StagingFolder, // dropped before its folder
+    output: NewFolder,
 }
 
-impl CopiedFolder {
-    fn keep(mut self) {
-        self.is_kept = true;
+impl StagedSet {
+    /// Moves the files to the output folder, the manifest last. Returns that folder.
+    fn publish(self) -> io::Result<PathBuf> {
+        let [manifest, _] = DEPTH_SET.map(Path::new);
+        let entries = std::fs::read_dir(self.staging.path())?;
+        let mut names: Vec<OsString> = entries
+            .map(|entry| entry.map(|entry| entry.file_name()))
+            .collect::<io::Result<_>>()?;
+        names.sort_by_key(|name| name == manifest);
+        for name in names {
+            std::fs::rename(
+                self.staging.path().join(&name),
+                self.output.path.join(&name),
+            )?;
+        }
+        Ok(self.output.path.clone())
     }
 }
 
-impl Drop for CopiedFolder {
+/// Output folder; if it is new and nothing was written to it, it is removed again.
+struct NewFolder {
+    path: PathBuf,
+    is_new: bool,
+}
+
+impl NewFolder {
+    fn create(path: &Path) -> io::Result<Self> {
+        let is_new = !path.exists();
+        std::fs::create_dir_all(path)?;
+        Ok(Self {
+            path: path.into(),
+            is_new,
+        })
+    }
+}
+
+impl Drop for NewFolder {
     fn drop(&mut self) {
-        if self.is_kept {
-            return;
-        }
-        // The folder was empty or did not exist; errors are less important than the one that led
-        // here.
-        let _ = std::fs::remove_dir_all(&self.path);
-        if !self.is_new {
-            let _ = std::fs::create_dir(&self.path);
+        if self.is_new {
+            let _ = std::fs::remove_dir(&self.path); // an error if it is not empty
         }
     }
 }
@@ -142,7 +179,7 @@ fn copy_set(
     output: &Path,
     args: &SetArgs,
     bar: &Bar,
-) -> anyhow::Result<(ImageSet, Vec<View>, CopiedFolder)> {
+) -> anyhow::Result<(ImageSet, Vec<View>, StagedSet)> {
     if DEPTH_SET.iter().all(|name| output.join(name).exists()) {
         let output = output.display();
         bail!(
@@ -150,31 +187,27 @@ fn copy_set(
              estimate its depth again (headbox images {output} --depth), or give another folder"
         );
     }
+    let cannot_write = || format!("{} cannot be written to", output.display());
+    files::check_folder(output).with_context(cannot_write)?;
     if std::fs::read_dir(output).is_ok_and(|mut entries| entries.next().is_some()) {
         bail!(
             "{}: is not empty; give a new folder for the set",
             output.display()
         );
     }
-    let is_new = !output.exists();
-    files::check_folder(output)
-        .with_context(|| format!("{} cannot be written to", output.display()))?;
     let set = args.open_registered(folder)?;
     let views: Vec<View> = set
         .views
         .into_iter()
         .filter(|view| view.pinhole().is_some())
         .collect();
+    let output = NewFolder::create(output).with_context(cannot_write)?;
+    let staging = StagingFolder::create_in(&output.path).with_context(cannot_write)?;
     bar.begin("writing pictures", "views", views.len() as u64);
-    let copied = CopiedFolder {
-        path: output.into(),
-        is_new,
-        is_kept: false,
-    };
-    write_set(&views, output, &mut |_| bar.advance(1))?;
+    write_set(&views, staging.path(), &mut |_| bar.advance(1))?;
     bar.finish();
-    let set = ImageSet::open(output, &ImageSetOptions::default())?;
-    Ok((set, views, copied))
+    let set = ImageSet::open(staging.path(), &ImageSetOptions::default())?;
+    Ok((set, views, StagedSet { staging, output }))
 }
 
 impl Outcome {
