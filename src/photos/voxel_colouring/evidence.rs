@@ -8,6 +8,7 @@ use fearless_simd::{dispatch, f32x16, mask32x16, u32x16};
 use glam::Vec3;
 use headbox_core::image::texels::{LANE_INDICES, LANES};
 use headbox_core::simd;
+use rayon::prelude::*;
 use std::ops::Range;
 
 /// Photographs that see part of a shell's face.
@@ -104,8 +105,24 @@ impl<'a> ShellViews<'a> {
         overlap(self.inside.iter().map(|view| &view.rows), self.min_views)
     }
 
+    /// Returns the number of pixels of all photographs that a row of candidates is compared with,
+    /// at most.
+    pub(super) fn pixels(&self, row: usize) -> usize {
+        let views = self
+            .inside
+            .iter()
+            .filter_map(|view| view.row_view(row, self.side));
+        views.map(|view| view.columns.len()).sum()
+    }
+
+    /// Computes the photo-consistency of all candidates, by rows.
+    pub(super) fn evidence(&self, pass: &Pass) -> Vec<EvidenceRow> {
+        let rows = self.rows().into_par_iter();
+        rows.map(|row| self.row(row, pass)).collect()
+    }
+
     /// Computes the photo-consistency of a row of candidates.
-    pub(super) fn row(&self, row: usize, pass: &Pass) -> EvidenceRow {
+    fn row(&self, row: usize, pass: &Pass) -> EvidenceRow {
         let row_views = |all: &[FaceView<'a>]| -> Vec<RowView<'a>> {
             all.iter()
                 .filter_map(|view| view.row_view(row, self.side))

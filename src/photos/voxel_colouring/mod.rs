@@ -33,11 +33,12 @@ use glam::DVec3;
 use headbox_core::environment::Environment;
 use headbox_core::progress::Progress;
 use headbox_cube::model::info::CaptureInfo;
-use headbox_cube::model::samples::{CubeSamples, LayeredDepthImage};
+use headbox_cube::model::samples::CubeSamples;
 use headbox_images::backdrop;
 use headbox_images::{ImageSet, ImagesError, Lens, LoadedView, View};
 use photograph::Photograph;
 use rayon::prelude::*;
+use std::time::Duration;
 use sweep::Sweep;
 
 /// Parameters of voxel colouring.
@@ -118,42 +119,27 @@ impl PhotographsJob {
         }
     }
 
-    /// Runs voxel colouring. Of many views, those nearest to the centre are used, up to 1 GiB of
-    /// images.
+    /// Prepares voxel colouring of photographs reduced by a factor, into a cube as much coarser:
+    /// its time falls by about the factor's third power. Of many views, those nearest to the centre
+    /// are used, up to 1 GiB of images.
     ///
     /// # Errors
     /// [`ImagesError`] of the first view that cannot be loaded.
-    pub fn run(
+    pub fn prepare(
         &self,
         set: &ImageSet,
         views: &[&View],
-        progress: &dyn Progress,
-    ) -> Result<CubeSamples, ImagesError> {
-        self.run_downscaled(set, views, 1, progress)
-    }
-
-    /// Same as [`Self::run`] with photographs reduced by a factor, and a cube as much coarser:
-    /// faster by about its third power.
-    ///
-    /// # Errors
-    /// As [`Self::run`].
-    pub fn run_downscaled(
-        &self,
-        set: &ImageSet,
-        views: &[&View],
-        times: u32,
-        progress: &dyn Progress,
-    ) -> Result<CubeSamples, ImagesError> {
+        reduction: u32,
+    ) -> Result<Colouring, ImagesError> {
         let nearest = self.nearest(views);
-        let load = |view: &&View| view.load().map(|loaded| loaded.downscaled(times));
+        let load = |view: &&View| view.load().map(|loaded| loaded.downscaled(reduction));
         let loaded: Result<Vec<LoadedView>, ImagesError> = nearest.par_iter().map(load).collect();
-        let (photographs, depths) = self.prepare(loaded?);
-        let face_size_px = (self.face_size_px / times.max(1)).max(16);
-        let faces = Self {
+        let face_size_px = (self.face_size_px / reduction.max(1)).max(16);
+        let job = Self {
             face_size_px,
             ..self.clone()
-        }
-        .sweep(photographs, &depths, progress);
+        };
+        let (sweep, depths) = job.sweep(loaded?);
         // Cameras around an object look in all directions; take the direction of the nearest one.
         let axes = nearest.first().map(|view| view.pose.world_from_eye);
         let info = CaptureInfo {
@@ -161,22 +147,36 @@ impl PhotographsJob {
             up: axes.map(|axes| axes.y_axis),
             ..headbox_ldi::from_images::image_set_info(set, self.centre, self.half_size_m)
         };
-        Ok(CubeSamples {
+        Ok(Colouring {
+            sweep,
+            depths,
+            passes: self.passes(),
             info,
-            faces,
-            environment: Environment::default(),
         })
     }
 
-    /// Prepares the photographs and the eye depths of the shells, metres.
-    fn prepare(&self, views: Vec<LoadedView>) -> (Vec<Photograph>, Vec<f64>) {
+    /// Runs voxel colouring of the whole photographs.
+    ///
+    /// # Errors
+    /// As [`Self::prepare`].
+    pub fn run(
+        &self,
+        set: &ImageSet,
+        views: &[&View],
+        progress: &dyn Progress,
+    ) -> Result<CubeSamples, ImagesError> {
+        Ok(self.prepare(set, views, 1)?.run(progress))
+    }
+
+    /// Creates the sweep of photographs, and the eye depths of its shells, metres.
+    fn sweep(&self, views: Vec<LoadedView>) -> (Sweep, Vec<f64>) {
         let dark = self.dark(&views);
         let photographs: Vec<Photograph> = views
             .into_iter()
             .filter_map(|view| Photograph::new(view, self.centre, dark))
             .collect();
         let depths = shells::depths(&photographs, MIN_VIEWS);
-        (photographs, depths)
+        (Sweep::new(self, photographs), depths)
     }
 
     fn passes(&self) -> [Pass; 3] {
@@ -185,34 +185,6 @@ impl PhotographsJob {
             min_views: MIN_VIEWS,
             longest_run,
         })
-    }
-
-    /// Sweeps all shells in every pass; returns the six faces.
-    fn sweep(
-        &self,
-        photographs: Vec<Photograph>,
-        depths: &[f64],
-        progress: &dyn Progress,
-    ) -> Vec<LayeredDepthImage> {
-        let mut sweep = Sweep::new(self, photographs);
-        // A shell without any candidate in one pass has none in the next.
-        let mut has_candidates = vec![true; depths.len()];
-        for pass in &self.passes() {
-            progress.begin("colouring", "shells", depths.len() as u64);
-            for (depth, has_candidates) in depths.iter().zip(&mut has_candidates) {
-                if progress.is_cancelled() {
-                    break;
-                }
-                if *has_candidates {
-                    *has_candidates = sweep.sweep_shell(*depth, pass);
-                } else {
-                    sweep.end_runs(pass);
-                }
-                progress.advance(1);
-            }
-            sweep.end_runs(pass);
-        }
-        sweep.finish()
     }
 
     /// Returns the level up to which pixels of these views show background, if there is one.
@@ -258,5 +230,35 @@ impl PhotographsJob {
             bytes <= PHOTOGRAPHS_BYTES
         });
         views
+    }
+}
+
+/// Voxel colouring that is ready to run.
+pub struct Colouring {
+    sweep: Sweep,
+    /// Eye depths of the shells, metres, near to far.
+    depths: Vec<f64>,
+    passes: [Pass; 3],
+    info: CaptureInfo,
+}
+
+impl Colouring {
+    /// Size of the cube's faces, pixels.
+    pub fn face_size_px(&self) -> u32 {
+        self.sweep.face_size_px()
+    }
+
+    /// Estimates the time of [`Self::run`] by timing a small sample of its work.
+    pub fn estimate(&self) -> Duration {
+        self.sweep.estimate(&self.depths, &self.passes)
+    }
+
+    /// Runs voxel colouring, as one stage of progress. A cancelled run returns what it has.
+    pub fn run(self, progress: &dyn Progress) -> CubeSamples {
+        CubeSamples {
+            info: self.info,
+            faces: self.sweep.run(&self.depths, &self.passes, progress),
+            environment: Environment::default(),
+        }
     }
 }

@@ -3,16 +3,19 @@
 use super::evidence::{EvidenceRow, ShellViews};
 use super::photograph::{Photograph, Projection};
 use super::runs::{KeptCandidate, RunRow};
-use super::{Pass, PhotographsJob};
+use super::{MIN_VIEWS, Pass, PhotographsJob};
 use glam::DVec3;
 use headbox_core::cube_face::Face;
+use headbox_core::progress::Progress;
 use headbox_cube::model::depth_bins::DepthBins;
 use headbox_cube::model::samples::{DepthPixel, EncodedNormal, LayeredDepthImage};
 use rayon::prelude::*;
+use std::time::{Duration, Instant};
 
 /// Voxel colouring in progress.
-pub(super) struct Sweep<'a> {
-    job: &'a PhotographsJob,
+pub(super) struct Sweep {
+    half_size_m: f64,
+    face_size_px: u32,
     /// Photographs, the nearest first.
     photographs: Vec<Photograph>,
     faces: Vec<SweptFace>,
@@ -30,8 +33,11 @@ struct SweptFace {
     kept: Vec<KeptCandidate>,
 }
 
-impl<'a> Sweep<'a> {
-    pub(super) fn new(job: &'a PhotographsJob, photographs: Vec<Photograph>) -> Self {
+/// Number of a face's rows that represent all when work is estimated.
+const SAMPLED_ROWS: usize = 64;
+
+impl Sweep {
+    pub(super) fn new(job: &PhotographsJob, photographs: Vec<Photograph>) -> Self {
         let swept_face = |face| SweptFace {
             face,
             projections: photographs
@@ -43,33 +49,101 @@ impl<'a> Sweep<'a> {
         };
         let faces = Face::ALL.into_iter().map(swept_face).collect();
         Self {
-            job,
+            half_size_m: job.half_size_m,
+            face_size_px: job.face_size_px,
             photographs,
             faces,
             may_have_runs: false,
         }
     }
 
+    /// Size of the faces, pixels.
+    pub(super) fn face_size_px(&self) -> u32 {
+        self.face_size_px
+    }
+
+    /// Sweeps the shells at these eye depths in every pass; returns the six faces.
+    pub(super) fn run(
+        mut self,
+        depths: &[f64],
+        passes: &[Pass],
+        progress: &dyn Progress,
+    ) -> Vec<LayeredDepthImage> {
+        let work: Vec<u64> = depths.par_iter().map(|depth| self.work(*depth)).collect();
+        progress.begin(
+            "colouring",
+            "kilopixels",
+            work.iter().sum::<u64>() * passes.len() as u64,
+        );
+        // A shell without any candidate in one pass has none in the next.
+        let mut has_candidates = vec![true; depths.len()];
+        for pass in passes {
+            for (i, depth) in depths.iter().enumerate() {
+                if progress.is_cancelled() {
+                    break;
+                }
+                if has_candidates[i] {
+                    has_candidates[i] = self.sweep_shell(*depth, pass);
+                } else {
+                    self.end_runs(pass);
+                }
+                progress.advance(work[i]);
+            }
+            self.end_runs(pass);
+        }
+        self.finish()
+    }
+
+    /// Estimates the time of [`Self::run`] from that of comparing colours on some shells.
+    pub(super) fn estimate(&self, depths: &[f64], passes: &[Pass]) -> Duration {
+        /// Number of shells that represent all.
+        const SHELLS: usize = 16;
+        /// Time of a sweep relative to that of comparing colours.
+        const SWEEP: f64 = 1.15;
+        let interval = (depths.len() / SHELLS).max(1);
+        let start = Instant::now();
+        for pass in passes {
+            for depth in depths.iter().skip(interval / 2).step_by(interval) {
+                for face in &self.faces {
+                    drop(
+                        face.views(&self.photographs, *depth, pass.min_views)
+                            .evidence(pass),
+                    );
+                }
+            }
+        }
+        start.elapsed().mul_f64(interval as f64 * SWEEP)
+    }
+
+    /// Interval of the rows that represent all.
+    fn row_interval(&self) -> usize {
+        (self.face_size_px as usize / SAMPLED_ROWS).max(1)
+    }
+
+    /// Returns the number of pixels, in thousands, that photographs contribute to the candidates of
+    /// a shell, about.
+    fn work(&self, depth: f64) -> u64 {
+        let pixels: usize = self
+            .faces
+            .iter()
+            .map(|face| {
+                let views = face.views(&self.photographs, depth, MIN_VIEWS);
+                let rows = views.rows().step_by(self.row_interval());
+                rows.map(|row| views.pixels(row)).sum::<usize>() * self.row_interval()
+            })
+            .sum();
+        1 + pixels as u64 / 1000
+    }
+
     /// Sweeps the shell at an eye depth of the faces, metres; returns false if no candidate is
     /// consistent.
-    pub(super) fn sweep_shell(&mut self, depth: f64, pass: &Pass) -> bool {
+    fn sweep_shell(&mut self, depth: f64, pass: &Pass) -> bool {
         let mut has_candidates = false;
-        let side = self.job.face_size_px as usize;
         let before: Vec<usize> = self.faces.iter().map(|face| face.kept.len()).collect();
         for face in &mut self.faces {
-            let views = ShellViews::new(
-                &self.photographs,
-                &face.projections,
-                depth,
-                side,
-                pass.min_views,
-            );
-            let rows = views.rows();
-            let first = rows.start;
-            let evidence: Vec<EvidenceRow> = rows
-                .into_par_iter()
-                .map(|row| views.row(row, pass))
-                .collect();
+            let views = face.views(&self.photographs, depth, pass.min_views);
+            let first = views.rows().start;
+            let evidence = views.evidence(pass);
             has_candidates |= evidence.iter().any(|row| !row.is_empty());
             face.step(&evidence, first, depth, pass);
         }
@@ -80,7 +154,7 @@ impl<'a> Sweep<'a> {
 
     /// Ends all runs at the end of a pass or where a shell is skipped: the best candidate of each
     /// is kept.
-    pub(super) fn end_runs(&mut self, pass: &Pass) {
+    fn end_runs(&mut self, pass: &Pass) {
         if !std::mem::take(&mut self.may_have_runs) {
             return;
         }
@@ -94,7 +168,7 @@ impl<'a> Sweep<'a> {
     /// Claims the pixels that newly kept candidates cover, in every photograph taken from inside of
     /// their shell. `before` is the number of each face's earlier candidates.
     fn claim(&mut self, before: &[usize]) {
-        let (faces, face_px) = (&self.faces, self.job.face_size_px);
+        let (faces, face_px) = (&self.faces, self.face_size_px);
         self.photographs.par_iter_mut().for_each(|photograph| {
             for (face, before) in faces.iter().zip(before) {
                 for kept in &face.kept[*before..] {
@@ -114,10 +188,9 @@ impl<'a> Sweep<'a> {
 
     /// Returns the six faces. Candidates within one pixel of parallax along a ray are one surface,
     /// of which the nearest is kept.
-    pub(super) fn finish(self) -> Vec<LayeredDepthImage> {
-        let similar =
-            DepthBins::new(self.job.half_size_m, self.job.face_size_px).inverse_depth(1.0) as f32;
-        let face_px = self.job.face_size_px;
+    fn finish(self) -> Vec<LayeredDepthImage> {
+        let similar = DepthBins::new(self.half_size_m, self.face_size_px).inverse_depth(1.0) as f32;
+        let face_px = self.face_size_px;
         self.faces
             .into_iter()
             .map(|face| layers(face.face, face_px, face.kept, similar))
@@ -126,6 +199,17 @@ impl<'a> Sweep<'a> {
 }
 
 impl SweptFace {
+    /// Collects the photographs that see its shell at an eye depth, metres.
+    fn views<'a>(
+        &'a self,
+        photographs: &'a [Photograph],
+        depth: f64,
+        min_views: usize,
+    ) -> ShellViews<'a> {
+        let side = self.runs.len();
+        ShellViews::new(photographs, &self.projections, depth, side, min_views)
+    }
+
     /// Continues the runs of all rows by the evidence of a shell, whose rows begin at `first`.
     fn step(&mut self, evidence: &[EvidenceRow], first: usize, depth: f64, pass: &Pass) {
         let side = self.runs.len();

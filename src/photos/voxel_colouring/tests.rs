@@ -6,6 +6,7 @@ use headbox_core::cube_face::Face;
 use headbox_cube::model::depth_bins::DepthBins;
 use headbox_cube::model::samples::LayeredDepthImage;
 use headbox_images::{Distortion, Pinhole, Pose};
+use std::sync::Mutex;
 
 const SIZE: [u32; 2] = [48, 36];
 
@@ -77,8 +78,8 @@ fn job(face_size_px: u32) -> PhotographsJob {
 }
 
 fn colored(job: &PhotographsJob, views: &[LoadedView]) -> Vec<LayeredDepthImage> {
-    let (photographs, depths) = job.prepare(views.to_vec());
-    job.sweep(photographs, &depths, &headbox_core::progress::Silent)
+    let (sweep, depths) = job.sweep(views.to_vec());
+    sweep.run(&depths, &job.passes(), &headbox_core::progress::Silent)
 }
 
 /// The pixels of a face's ray, by the definition alone: `f64`, one candidate after the other,
@@ -252,10 +253,9 @@ const ROUNDED: f64 = 0.02;
 #[test]
 fn sweep_matches_definition() {
     let (job, views) = (job(48), photographs());
-    let (_, depths) = job.prepare(views.clone());
+    let (sweep, depths) = job.sweep(views.clone());
     let depths: Vec<f64> = depths.into_iter().step_by(2).collect();
-    let (photographs, _) = job.prepare(views.clone());
-    let faces = job.sweep(photographs, &depths, &headbox_core::progress::Silent);
+    let faces = sweep.run(&depths, &job.passes(), &headbox_core::progress::Silent);
     let face = Face::NegZ.index();
     let similar = DepthBins::new(job.half_size_m, job.face_size_px).inverse_depth(1.0);
     let expected = Oracle::new(&job, &views).run(face, &depths, &job.passes());
@@ -348,6 +348,38 @@ fn result_is_independent_of_threads() {
         pool.install(|| colored(&job, &views))
     };
     assert_eq!(on(1), on(3));
+}
+
+/// Total and completed steps of all stages.
+#[derive(Default)]
+struct Steps(Mutex<Vec<[u64; 2]>>);
+
+impl Progress for Steps {
+    fn begin(&self, _: &str, _: &str, total: u64) {
+        self.0.lock().expect("locked").push([total, 0]);
+    }
+
+    fn advance(&self, steps: u64) {
+        self.0.lock().expect("locked").last_mut().expect("begun")[1] += steps;
+    }
+}
+
+#[test]
+fn progress_is_one_stage_in_proportion_to_work() {
+    let job = job(72);
+    let work = |count: usize| {
+        let (sweep, depths) = job.sweep(photographs()[..count].to_vec());
+        let steps = Steps::default();
+        sweep.run(&depths, &job.passes(), &steps);
+        let stages = steps.0.into_inner().expect("unlocked");
+        let &[[total, done]] = stages.as_slice() else {
+            panic!("{stages:?}");
+        };
+        assert_eq!(total, done);
+        total as f64 / depths.len() as f64
+    };
+    let (few, all) = (work(4), work(7));
+    assert!(few > 0.0 && all > 1.4 * few, "{few} {all}");
 }
 
 #[test]

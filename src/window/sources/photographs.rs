@@ -28,9 +28,6 @@ use std::time::{Duration, Instant};
 /// Reduction of the photographs in each round.
 const ROUNDS: [u32; 4] = [8, 4, 2, 1];
 
-/// Number of progress stages of a round.
-const STAGES: f64 = 3.0;
-
 /// Interval between two polls of the background task.
 const POLL_INTERVAL: Duration = Duration::from_millis(250);
 
@@ -139,9 +136,8 @@ fn start_colouring(set: ImageSet, job: PhotographsJob) -> Result<Task<Colouring>
     let work = move |shared: &Shared<Colouring>| {
         let views: Vec<&View> = set.views.iter().collect();
         for reduction in ROUNDS {
-            let ldi = job
-                .run_downscaled(&set, &views, reduction, shared)
-                .map_err(|error| error.to_string())?;
+            let colouring = job.prepare(&set, &views, reduction);
+            let ldi = colouring.map_err(|error| error.to_string())?.run(shared);
             let packed = planes::pack(ldi, SplatIndexLayout::Normal, Split::Auto, DEFAULT_ERROR_PX);
             let packed = packed.map_err(|error| format!("The cube cannot be packed: {error}."))?;
             shared.complete_round(|state| {
@@ -160,9 +156,8 @@ fn ongoing(colouring: &Task<Colouring>, begun: Instant) -> Option<Ongoing> {
     if state.ended {
         return None;
     }
-    let stages = state.stages.len() as f64 - 1.0 + colouring.stage_share();
     // A round is complete only once it is packed.
-    let round_share = (stages / STAGES).clamp(0.0, 0.97);
+    let round_share = colouring.stage_share().min(0.97);
     let work = |rounds: &[u32]| {
         rounds
             .iter()

@@ -1,7 +1,7 @@
 //! `headbox capture FOLDER`: cube LDIs from image sets.
 
-use crate::args::refuse_misplaced;
-use crate::commands::capture::CaptureCommand;
+use crate::args::{refuse_given, refuse_misplaced};
+use crate::commands::capture::{CaptureCommand, Preset};
 use crate::commands::images::SetJob;
 use crate::output::{CUBE, Outputs, peak_rss_mb, print_json, print_warnings};
 use crate::packing::describe_cube;
@@ -40,13 +40,17 @@ impl CaptureCommand {
         match &mut job {
             SetJob::Depth(job) => {
                 self.refuse_photograph_flags()?;
+                let quality = self.quality.preset.quality;
+                refuse_given(DEPTH, [("--quality", quality.is_some())])?;
                 job.merge_rule = self.quality.parameters.merge_rule;
                 job.depth_noise = self.depth_noise.unwrap_or(job.depth_noise);
             }
-            SetJob::Photographs(job) => {
+            SetJob::Photographs { job, reduction } => {
                 refuse_misplaced(DEPTH, [self.depth_flag()])?;
                 job.agreement = self.agreement.unwrap_or(job.agreement);
                 job.backdrop = self.backdrop;
+                let preset = self.quality.preset.quality.unwrap_or(Preset::Best);
+                *reduction = preset.reduction();
             }
         }
         if let SetJob::Depth(_) = job {
@@ -61,7 +65,7 @@ impl CaptureCommand {
         if packed.depth_pixel_count() == 0 && packed.planes.tiles.is_empty() {
             let why = match job {
                 SetJob::Depth(_) => "no image has depth: all values are zero or not numbers",
-                SetJob::Photographs(_) => {
+                SetJob::Photographs { .. } => {
                     "the photographs agree on no surface; give a larger --agreement, or another --center"
                 }
             };

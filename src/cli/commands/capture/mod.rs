@@ -163,7 +163,8 @@ impl CaptureCommand {
     }
 
     fn run_deep(&self) -> anyhow::Result<()> {
-        self.refuse_scene_flags("a deep picture", [])?;
+        let quality = self.quality.preset.quality;
+        self.refuse_scene_flags("a deep picture", [("--quality", quality.is_some())])?;
         self.refuse_image_flags()?;
         let place = DeepCameraOptions {
             centre: self.headbox.center,
@@ -324,11 +325,7 @@ impl CaptureCommand {
         kind: &str,
         more: [(&'static str, bool); N],
     ) -> Result<(), UsageError> {
-        let own_flags = [
-            ("--shard", self.shard.is_some()),
-            ("--quality", self.quality.preset.quality.is_some()),
-        ];
-        let flags = own_flags
+        let flags = [("--shard", self.shard.is_some())]
             .into_iter()
             .chain(self.quality.given_flags())
             .chain(self.scene.source.given_flags())

@@ -2,11 +2,12 @@
 
 mod depth;
 
+use crate::commands::capture::Preset;
 use crate::commands::capture::deep::{self as capture_deep, is_deep_picture};
 use crate::commands::images::depth::{DepthArgs, Outcome};
 use crate::image_set::SetArgs;
 use crate::output::{print_json, print_warnings};
-use crate::progress::Bar;
+use crate::progress::{Bar, duration};
 use anyhow::bail;
 use clap::Args;
 use glam::DVec3;
@@ -19,7 +20,7 @@ use headbox_images::{
     align, check,
 };
 use headbox_ldi::from_images::ImageSetCapture;
-use headbox_photos::voxel_colouring::PhotographsJob;
+use headbox_photos::voxel_colouring::{Colouring, PhotographsJob};
 use serde_json::json;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -51,14 +52,21 @@ const PAIRS: usize = 16;
 /// Method of capturing a set: by its depth or, where no view has any, by voxel colouring.
 pub(super) enum SetJob {
     Depth(ImageSetCapture),
-    Photographs(PhotographsJob),
+    Photographs {
+        job: PhotographsJob,
+        /// Factor by which photographs are reduced.
+        reduction: u32,
+    },
 }
 
 impl SetJob {
     pub(super) fn suggest(set: &ImageSet) -> Self {
         match set.views_with_depth().next() {
             Some(_) => Self::Depth(ImageSetCapture::suggest(set)),
-            None => Self::Photographs(PhotographsJob::suggest(set)),
+            None => Self::Photographs {
+                job: PhotographsJob::suggest(set),
+                reduction: Preset::Best.reduction(),
+            },
         }
     }
 
@@ -66,14 +74,14 @@ impl SetJob {
     pub(super) fn centre(&mut self) -> &mut DVec3 {
         match self {
             Self::Depth(job) => &mut job.centre,
-            Self::Photographs(job) => &mut job.centre,
+            Self::Photographs { job, .. } => &mut job.centre,
         }
     }
 
     pub(super) fn half_size_m(&mut self) -> &mut f64 {
         match self {
             Self::Depth(job) => &mut job.half_size_m,
-            Self::Photographs(job) => &mut job.half_size_m,
+            Self::Photographs { job, .. } => &mut job.half_size_m,
         }
     }
 
@@ -81,20 +89,51 @@ impl SetJob {
     pub(super) fn views<'a>(&self, set: &'a ImageSet) -> Vec<&'a View> {
         match self {
             Self::Depth(_) => set.views_with_depth().collect(),
-            Self::Photographs(_) => set.views.iter().collect(),
+            Self::Photographs { .. } => set.views.iter().collect(),
         }
     }
 
     pub(super) fn run(&self, set: &ImageSet, bar: &Bar) -> Result<CubeSamples, ImagesError> {
         match self {
             Self::Depth(job) => job.run(set, &self.views(set), bar),
-            Self::Photographs(job) => {
+            Self::Photographs { job, reduction } => {
                 let views = self.views(set);
                 print_warnings(job.left_out(&views));
-                job.run(set, &views, bar)
+                let colouring = job.prepare(set, &views, *reduction)?;
+                announce(&colouring, *reduction, &set.folder);
+                Ok(colouring.run(bar))
             }
         }
     }
+}
+
+/// Prints how long voxel colouring of photographs reduced by a factor will take, unless it is
+/// short, and what takes less time or is sharper.
+fn announce(colouring: &Colouring, reduction: u32, folder: &Path) {
+    /// Time that is not worth announcing, seconds.
+    const SHORT_S: f64 = 5.0;
+    let seconds = colouring.estimate().as_secs_f64();
+    if seconds < SHORT_S {
+        return;
+    }
+    let coarser = [("good", Preset::Good), ("draft", Preset::Draft)].map(|(name, preset)| {
+        let share = f64::from(reduction) / f64::from(preset.reduction());
+        (share < 1.0).then(|| {
+            let coarse_s = duration(seconds * share.powi(3));
+            format!("; about {coarse_s} with `capture --quality {name}`")
+        })
+    });
+    eprintln!(
+        "estimate: about {} for faces of {} px{}",
+        duration(seconds),
+        colouring.face_size_px(),
+        coarser.into_iter().flatten().collect::<String>()
+    );
+    eprintln!(
+        "note: headbox images {} --depth finds the photographs' depth, with which surfaces are sharper and plain \
+         backgrounds left out",
+        folder.display()
+    );
 }
 
 /// Captures the cube LDI of a folder of images with the suggested parameters.
