@@ -1,6 +1,7 @@
 //! `headbox house -o`, `render` and `info` on a `.house` file, as a user runs them.
 
 use super::run;
+use glam::DVec3;
 use serde_json::Value;
 use std::path::Path;
 use std::process::Output;
@@ -31,6 +32,25 @@ fn a_house_is_written_described_and_walked() {
     );
     let portals = made["portals"].as_array().expect("a list").len() as u64;
     assert_eq!(made["file"]["captures"], 2 * portals);
+
+    let vector = |point: &Value| {
+        let numbers = point.as_array().expect("a point").iter();
+        DVec3::from_slice(&numbers.filter_map(Value::as_f64).collect::<Vec<_>>())
+    };
+    // The rooms are convex: all of a room is on the side of the point beside its portal.
+    for portal in made["portals"].as_array().expect("a list") {
+        let centre = vector(&portal["centre"]);
+        for side in 0..2 {
+            let cell = portal["cells"][side].as_u64().expect("a cell");
+            let room = &made["cells"][cell as usize];
+            let step = vector(&portal["beside"][side]) - centre;
+            assert!((step.length() - 0.5).abs() < 1e-6, "{portal}");
+            assert!(
+                room["outside"] == true || step.dot(vector(&room["point"]) - centre) > 0.0,
+                "{portal} {room}"
+            );
+        }
+    }
 
     let info = json(at, "info a.house --check --json");
     let rooms = info["rooms"].as_array().expect("rooms");

@@ -213,12 +213,15 @@ impl Survey {
                 cell.name
             );
         }
-        println!("\nportal  width x height  cells (name, centre)");
+        println!(
+            "\nportal  width x height  cells (name, centre; a point half a metre away in each cell)"
+        );
         for (index, portal) in portals.iter().enumerate() {
             let [width, height] = extent(portal);
             let [a, b] = portal.cells.map(|cell| self.cell_name(cell));
+            let [beside_a, beside_b] = beside(portal).map(|p| triple(frame.file_from_world(p)));
             println!(
-                "{index:6}   {width:4.2} x {height:4.2} m  {a} | {b}  ({}, {})",
+                "{index:6}   {width:4.2} x {height:4.2} m  {a} | {b}  ({}, {}; {beside_a} | {beside_b})",
                 portal.name,
                 triple(frame.file_from_world(centre(portal)))
             );
@@ -273,6 +276,7 @@ impl Survey {
                 "width_m": width,
                 "height_m": height,
                 "centre": frame.file_from_world(centre(portal)).to_array(),
+                "beside": beside(portal).map(|p| frame.file_from_world(p).to_array()),
                 "polygon": polygon.collect::<Vec<_>>(),
             })
         };
@@ -319,6 +323,15 @@ fn extent(portal: &headbox_model::Portal) -> [f64; 2] {
 fn centre(portal: &headbox_model::Portal) -> DVec3 {
     let [low, high] = bounds(portal);
     low.midpoint(high)
+}
+
+/// Points half a metre from the middle of an opening, in the first and the second cell, world
+/// metres.
+fn beside(portal: &headbox_model::Portal) -> [DVec3; 2] {
+    let [a, b, c] = [0, 1, 2].map(|i| portal.polygon.get(i).copied().unwrap_or_default());
+    // The corners are counter-clockwise seen from the first cell.
+    let step = (b - a).cross(c - b).normalize_or_zero() * 0.5;
+    [centre(portal) + step, centre(portal) - step]
 }
 
 fn bounds(portal: &headbox_model::Portal) -> [DVec3; 2] {
