@@ -11,6 +11,7 @@ mod common;
 mod bounced_light;
 mod capture;
 mod cube;
+mod exposure;
 mod from_images;
 mod house;
 mod metrics;
