@@ -34,6 +34,16 @@ pub(super) fn is_better(levels: f64, before: f64) -> bool {
     levels < before * 0.9 && levels < before - 0.25
 }
 
+/// Largest ratio of the focal lengths of the colour and the depth camera of a sensor, either way.
+const MAX_FOCAL_RATIO: f64 = 1.5;
+
+/// Returns true if an estimate may be a camera of the sensor. One that shrinks all images to a point
+/// has no differences at all.
+fn is_plausible(estimate: &Calibration, given: &Pinhole) -> bool {
+    let ratio = estimate.focal_px / given.focal_px[0];
+    (1.0 / MAX_FOCAL_RATIO..=MAX_FOCAL_RATIO).contains(&ratio)
+}
+
 /// Report, and the registration of each view of a set.
 pub(super) type Estimate = (RegistrationReport, Vec<Option<Registration>>);
 
@@ -105,14 +115,16 @@ pub(super) fn estimate_views(
     }
     let initial = problem.initial_calibration();
     let shared = problem.estimate_shared_offset(&initial);
-    let per_view = problem.estimate_per_view(&shared);
-    let levels = [&initial, &shared, &per_view].map(|estimate| problem.validate(estimate));
+    let [given_levels, shared_levels] = [&initial, &shared].map(|it| problem.validate(it));
+    let is_worse = shared_levels > given_levels || !is_plausible(&shared, &given);
+    let per_view = problem.estimate_per_view(if is_worse { &initial } else { &shared });
+    let levels = [given_levels, shared_levels, problem.validate(&per_view)];
     let mut best = (RegistrationModel::AsGiven, &initial, levels[0]);
     for (model, estimate, level) in [
         (RegistrationModel::SharedOffset, &shared, levels[1]),
         (RegistrationModel::PerView, &per_view, levels[2]),
     ] {
-        if is_better(level, best.2) {
+        if is_better(level, best.2) && is_plausible(estimate, &given) {
             best = (model, estimate, level);
         }
     }
@@ -123,7 +135,7 @@ pub(super) fn estimate_views(
         (estimate.clone(), gains)
     } else {
         if poses.len() > MAX_VIEWS && applied == RegistrationModel::PerView {
-            applied = if is_better(levels[1], levels[0]) {
+            applied = if is_better(levels[1], levels[0]) && is_plausible(&shared, &given) {
                 RegistrationModel::SharedOffset
             } else {
                 RegistrationModel::AsGiven

@@ -126,7 +126,7 @@ impl PhotometricProblem {
         match &*cache {
             Some((cached, pictures)) if *cached == rounds => Arc::clone(pictures),
             _ => {
-                let blur = |view: &ViewSamples| BlurredImage::new(&view.grey, view.size, rounds);
+                let blur = |view: &ViewSamples| BlurredImage::new(view, rounds);
                 let pictures = Arc::new(self.views.par_iter().map(blur).collect());
                 *cache = Some((rounds, Arc::clone(&pictures)));
                 pictures
@@ -352,7 +352,8 @@ impl PhotometricProblem {
                 && pixel.x < width as f64
                 && pixel.y < height as f64;
             let index = pixel.y as usize * width + pixel.x as usize;
-            is_inside.then(|| [0, 1, 2].map(|c| samples.planes[c][index]))
+            let is_seen = is_inside && samples.is_opaque[index];
+            is_seen.then(|| [0, 1, 2].map(|c| samples.planes[c][index]))
         };
         let [first, second] = pair.views;
         let points = pair

@@ -44,8 +44,13 @@ fn texture(p: DVec3) -> [f64; 3] {
     })
 }
 
-/// Renders a view with depth from one camera and colours from another.
+/// Samples a view with depth from one camera and colours from another.
 fn view(depth: (Lens, Pose), color: (Lens, Pose), gain: f64) -> ViewSamples {
+    ViewSamples::new(&rendered(depth, color, gain), MAX_COLUMNS)
+}
+
+/// Renders a view with depth from one camera and colours from another.
+fn rendered(depth: (Lens, Pose), color: (Lens, Pose), gain: f64) -> LoadedView {
     let pixels = || {
         (0..SIZE[1])
             .flat_map(|y| (0..SIZE[0]).map(move |x| [f64::from(x) + 0.5, f64::from(y) + 0.5]))
@@ -62,16 +67,13 @@ fn view(depth: (Lens, Pose), color: (Lens, Pose), gain: f64) -> ViewSamples {
         .map(|pixel| wall(depth.1.eye, ray(depth, pixel)) as f32)
         .collect();
     let color = pixels().map(color_at).collect();
-    ViewSamples::new(
-        &LoadedView {
-            size_px: SIZE,
-            lens: depth.0,
-            pose: depth.1,
-            color,
-            depth: depths,
-        },
-        MAX_COLUMNS,
-    )
+    LoadedView {
+        size_px: SIZE,
+        lens: depth.0,
+        pose: depth.1,
+        color,
+        depth: depths,
+    }
 }
 
 /// Returns a pose turned about all axes and moved far enough to determine the shared offset along
@@ -194,6 +196,50 @@ fn registered_views_unchanged() {
             .flatten()
             .all(|&gain| gain == 1.0)
     );
+}
+
+/// Pixels outside of an oval are black and transparent, as beside the image of a distorted lens.
+#[test]
+fn transparent_pixels_take_no_part() {
+    let masked = |i: usize| {
+        let camera = (lens(146.0), pose(i));
+        let mut view = rendered(camera, camera, 1.0);
+        for (k, pixel) in (0..).zip(&mut view.color) {
+            let [x, y] = [k % SIZE[0], k / SIZE[0]].map(f64::from);
+            if dvec2((x - 79.5) / 70.0, (y - 59.5) / 50.0).length() > 1.0 {
+                *pixel = [0; 4];
+            }
+        }
+        ViewSamples::new(&view, MAX_COLUMNS)
+    };
+    let problem = PhotometricProblem::new((0..10).map(masked).collect(), pinhole(146.0));
+    let (_, levels) = estimate_all(&problem);
+    // As without a mask, where only the interpolation of levels differs.
+    assert!(levels[0] < 1.5, "{levels:?}");
+    assert!(
+        !is_better(levels[1], levels[0]) && !is_better(levels[2], levels[0]),
+        "{levels:?}"
+    );
+}
+
+/// With depth in a wrong unit no camera fits, and none that no sensor has is taken.
+#[test]
+fn implausible_cameras_are_not_taken() {
+    let load = |numbers: &[usize], _: u32| {
+        let view = |&i: &usize| {
+            let camera = (lens(146.0), pose(i));
+            let mut view = rendered(camera, camera, 1.0);
+            view.depth.iter_mut().for_each(|depth| *depth *= 8.0);
+            ViewSamples::new(&view, MAX_COLUMNS)
+        };
+        Ok(numbers.iter().map(view).collect())
+    };
+    let poses: Vec<Pose> = (0..6).map(pose).collect();
+    let (report, _) = estimate_views(&poses, pinhole(146.0), 4, &load)
+        .expect("loads")
+        .expect("pairs");
+    let ratio = report.focal_px[1] / report.focal_px[0];
+    assert!((1.0 / 1.5..=1.5).contains(&ratio), "{report:?}");
 }
 
 #[test]

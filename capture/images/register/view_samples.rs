@@ -12,7 +12,10 @@ pub(super) struct ViewSamples {
     /// Levels of the small image, one plane per channel.
     pub(super) planes: [Vec<u8>; 3],
     /// Mean of the three planes.
-    pub(super) grey: Vec<u8>,
+    grey: Vec<u8>,
+    /// True at pixels of the small image that are opaque: neither masked nor outside of a distorted
+    /// photograph.
+    pub(super) is_opaque: Vec<bool>,
     /// Points of the world, metres; every [`VALIDATION_STRIDE`]-th is excluded from the estimate
     /// for validation.
     pub(super) points: Vec<DVec3>,
@@ -49,15 +52,19 @@ impl ViewSamples {
         let [width, height] = view.size_px;
         let reduction = width.div_ceil(MAX_WIDTH).max(1);
         let size = [width / reduction, height / reduction].map(|side| side as usize);
-        let mean = |channel: usize, i: usize| {
+        let block = |i: usize| {
             let x = (i % size[0]) as u32 * reduction;
             let y = (i / size[0]) as u32 * reduction;
-            let index = |k: u32| ((y + k / reduction) * width + x + k % reduction) as usize;
-            let sum: u32 = (0..reduction * reduction)
-                .map(|k| u32::from(view.color[index(k)][channel]))
-                .sum();
+            let index = move |k: u32| ((y + k / reduction) * width + x + k % reduction) as usize;
+            (0..reduction * reduction).map(move |k| view.color[index(k)])
+        };
+        let mean = |channel: usize, i: usize| {
+            let sum: u32 = block(i).map(|pixel| u32::from(pixel[channel])).sum();
             ((sum + reduction * reduction / 2) / (reduction * reduction)) as u8
         };
+        let is_opaque = (0..size[0] * size[1])
+            .map(|i| block(i).all(|pixel| pixel[3] > 0))
+            .collect();
         let planes = [0, 1, 2].map(|channel| {
             (0..size[0] * size[1])
                 .map(|i| mean(channel, i))
@@ -103,6 +110,7 @@ impl ViewSamples {
             size,
             planes,
             grey,
+            is_opaque,
             points,
             depths,
             pose: view.pose,
@@ -134,28 +142,44 @@ impl ViewSamples {
 pub(super) struct BlurredImage {
     size: [usize; 2],
     levels: Vec<u8>,
+    /// True where the pixel and all that are interpolated with it are opaque; `None` if all are.
+    is_sampled: Option<Vec<bool>>,
 }
 
 impl BlurredImage {
-    /// Blurs an image `rounds` times by (1 2 1) / 4 in both directions.
-    pub(super) fn new(grey: &[u8], size: [usize; 2], rounds: u32) -> Self {
-        let mut levels: Vec<f32> = grey.iter().map(|&level| f32::from(level)).collect();
-        let mut blurred_rows = vec![0.0; levels.len()];
-        for _ in 0..rounds {
-            blur_rows(&levels, &mut blurred_rows, size[0]);
-            blur_columns(&blurred_rows, &mut levels, size[0]);
+    /// Blurs the grey image `rounds` times by (1 2 1) / 4 in both directions; transparent pixels do
+    /// not take part.
+    pub(super) fn new(view: &ViewSamples, rounds: u32) -> Self {
+        let [width, height] = view.size;
+        let levels = view.grey.iter().zip(&view.is_opaque);
+        let levels = levels.map(|(&level, &opaque)| if opaque { f32::from(level) } else { 0.0 });
+        let mut levels = blurred(levels.collect(), width, rounds);
+        let is_all_opaque = view.is_opaque.iter().all(|opaque| *opaque);
+        if !is_all_opaque {
+            let weights = view.is_opaque.iter().map(|&opaque| f32::from(opaque));
+            let weights = blurred(weights.collect(), width, rounds);
+            for (level, weight) in levels.iter_mut().zip(weights) {
+                *level /= weight.max(f32::MIN_POSITIVE);
+            }
         }
+        let is_sampled = |i: usize| {
+            let rows = (i / width).saturating_sub(1)..(i / width + 3).min(height);
+            let columns = (i % width).saturating_sub(1)..(i % width + 3).min(width);
+            let mut rows = rows.map(|row| &view.is_opaque[row * width..][columns.clone()]);
+            rows.all(|row| row.iter().all(|opaque| *opaque))
+        };
         Self {
-            size,
+            size: view.size,
             levels: levels
                 .into_iter()
                 .map(|level| (level + 0.5) as u8)
                 .collect(),
+            is_sampled: (!is_all_opaque).then(|| (0..width * height).map(is_sampled).collect()),
         }
     }
 
     /// Samples the level and its slopes to the right and down at a position in pixels; `None` at
-    /// the border.
+    /// the border and beside transparent pixels.
     #[inline]
     pub(super) fn sample(&self, x: f64, y: f64) -> Option<[f64; 3]> {
         let [width, height] = self.size;
@@ -166,6 +190,11 @@ impl BlurredImage {
         }
         let column = x as usize;
         let row = y as usize;
+        if let Some(is_sampled) = &self.is_sampled
+            && !is_sampled[row * width + column]
+        {
+            return None;
+        }
         let fx = x - column as f64;
         let fy = y - row as f64;
         let level =
@@ -183,6 +212,16 @@ impl BlurredImage {
             slope_y,
         ])
     }
+}
+
+/// Blurs values in rows of `width`, `rounds` times in both directions.
+fn blurred(mut values: Vec<f32>, width: usize, rounds: u32) -> Vec<f32> {
+    let mut blurred_rows = vec![0.0; values.len()];
+    for _ in 0..rounds {
+        blur_rows(&values, &mut blurred_rows, width);
+        blur_columns(&blurred_rows, &mut values, width);
+    }
+    values
 }
 
 /// Blurs each value with its neighbours to the left and right, clamped at the ends.

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use std::path::Path;
 
 /// Version of the registration method; changes with it.
-const HOW: &str = "registration by parts";
+const HOW: &str = "registration of opaque pixels";
 
 /// Registration of a view in the file; zeros for an unregistered one.
 #[derive(Clone, Copy, Pod, Zeroable)]
