@@ -35,10 +35,11 @@ const OVERLAP: f64 = 0.2;
 /// Usual units of depth, relative to the assumed one: integers in 1/5000 m (TUM), 1/10000,
 /// 1/6553.5 (Replica), 1/4000 and 1/8000 (RealSense), 1/256 (KITTI), and centimetres. Not metres:
 /// then the poses are in millimetres.
-const INTEGER_FACTORS: [f64; 7] = [0.2, 0.1, 1.0 / 6.5535, 0.25, 0.125, 1000.0 / 256.0, 10.0];
+pub(crate) const INTEGER_FACTORS: [f64; 7] =
+    [0.2, 0.1, 1.0 / 6.5535, 0.25, 0.125, 1000.0 / 256.0, 10.0];
 
 /// The same of floating-point numbers: millimetres, centimetres and decimetres.
-const FLOAT_FACTORS: [f64; 3] = [0.001, 0.01, 0.1];
+pub(crate) const FLOAT_FACTORS: [f64; 3] = [0.001, 0.01, 0.1];
 
 /// Notes depth of other sizes than the images, and corrects the kind and the unit of depth where
 /// they are assumed.
@@ -129,10 +130,11 @@ fn note_sizes(set: &mut ImageSet) {
     };
     let sizes: Vec<_> = set.views.par_iter().map(size).collect();
     for (view, size) in set.views.iter().zip(sizes) {
-        let Some(size) = size.filter(|size| *size != view.size_px) else {
+        let image_px = view.file_size_px();
+        let Some(size) = size.filter(|size| *size != image_px) else {
             continue;
         };
-        if has_proportions(size, view.size_px) {
+        if has_proportions(size, image_px) {
             scaled.push((view, size));
         } else if view.depth_turn(size).is_ok_and(|turn| turn.is_some()) {
             turned.push((view, size));
@@ -149,7 +151,7 @@ fn note_sizes(set: &mut ImageSet) {
         let names: Vec<String> = views
             .iter()
             .map(|(view, [width, height])| {
-                let [w, h] = view.size_px;
+                let [w, h] = view.file_size_px();
                 format!("{} ({width}x{height} pixels for {w}x{h})", view.name)
             })
             .collect();

@@ -133,7 +133,7 @@ impl ImageSet {
         }
     }
 
-    /// Opens a folder (or a Seurat manifest, or one of [`TRANSFORMS`]).
+    /// Opens a folder (or a Seurat manifest, or a `transforms.json` of any name).
     ///
     /// # Errors
     /// See [`ImagesError`].
@@ -148,6 +148,8 @@ impl ImageSet {
         let mut set = Self::read(path, is_file, &folder)?;
         set.check_places(&folder)?;
         set.drop_missing()?;
+        set.fit_image_sizes();
+        set.drop_missing_depth();
         set.note_cut_images();
         set.note_turned_images();
         depth_evidence::examine(&mut set);
@@ -200,6 +202,70 @@ impl ImageSet {
         Ok(())
     }
 
+    /// Adapts views to images that were resized after their cameras were estimated.
+    fn fit_image_sizes(&mut self) {
+        let sizes: Vec<Option<[u32; 2]>> = self
+            .views
+            .par_iter()
+            .map(|view| color_images::read_size(&view.color).ok())
+            .collect();
+        let mut resized = Vec::new();
+        for (view, size) in self.views.iter_mut().zip(sizes) {
+            let from = view.size_px;
+            let fits = |to: &[u32; 2]| {
+                let is_resized = *to != from && depth::has_proportions(*to, from);
+                is_resized && view.source.is_none() && view.upright_turn(*to).is_none()
+            };
+            let Some(to) = size.filter(fits) else {
+                continue;
+            };
+            if let Lens::Pinhole(pinhole) = view.lens {
+                view.lens = Lens::Pinhole(pinhole.scaled(from, to));
+            }
+            view.size_px = to;
+            let [[w, h], [width, height]] = [from, to];
+            resized.push(format!(
+                "{} ({width}x{height} pixels for {w}x{h})",
+                view.name
+            ));
+        }
+        if !resized.is_empty() {
+            let sentence = format!(
+                "{} of {} images have another size than the set states; focal lengths are scaled",
+                resized.len(),
+                self.views.len()
+            );
+            self.notes
+                .push(ReadNote::with_names(&sentence, &resized, 1));
+        }
+    }
+
+    /// Leaves out depth files that are missing or broken, unless all are.
+    fn drop_missing_depth(&mut self) {
+        let problem = |view: &View| {
+            let path = &view.depth.as_ref()?.path;
+            depth_files::read_size(path)
+                .err()
+                .map(|_| path.display().to_string())
+        };
+        let problems: Vec<Option<String>> = self.views.par_iter().map(problem).collect();
+        let bad: Vec<String> = problems.iter().flatten().cloned().collect();
+        let all = self.views_with_depth().count();
+        if bad.is_empty() || bad.len() == all {
+            return;
+        }
+        for (view, problem) in self.views.iter_mut().zip(&problems) {
+            if problem.is_some() {
+                view.depth = None;
+            }
+        }
+        let sentence = format!(
+            "{} of {all} depth files are missing or cannot be read, and their views have no depth",
+            bad.len()
+        );
+        self.notes.push(ReadNote::with_names(&sentence, &bad, 1));
+    }
+
     /// Notes images that are cut short: decoders pass over that.
     fn note_cut_images(&mut self) {
         let is_cut = |view: &&View| codec::is_file_cut_short(&view.color);
@@ -231,7 +297,7 @@ impl ImageSet {
             (turned, "are turned upright by their EXIF orientation"),
             (
                 stored,
-                "have an EXIF orientation, but are read as stored, as their size in the set says",
+                "have an EXIF orientation, but are read as stored: the set states their stored size, or none",
             ),
         ];
         for (views, what) in kinds {
@@ -272,6 +338,9 @@ impl ImageSet {
         };
         if let Some(file) = TRANSFORMS.into_iter().find_map(find_file) {
             return readers::nerfstudio::open(folder, &file);
+        }
+        if is_file && readers::nerfstudio::is_transforms(folder, path) {
+            return readers::nerfstudio::open(folder, path);
         }
         let manifest = find_file("manifest.json").or_else(|| is_file.then(|| path.to_path_buf()));
         if let Some(file) = manifest {

@@ -148,7 +148,7 @@ impl<'a> JsonObject<'a> {
     /// Returns a matrix of 16 numbers, row by row, in one list or in four; the last row, 0 0 0 1,
     /// may be missing.
     pub(super) fn matrix(&self, key: &str) -> Result<DMat4, ImagesError> {
-        let wrong = || self.error(key, "must hold 16 or 12 numbers, row by row");
+        let wrong = || self.error(key, "must hold 16 or 12 finite numbers, row by row");
         let list = self
             .value
             .get(key)

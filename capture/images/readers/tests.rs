@@ -7,7 +7,7 @@ use image::{ExtendedColorType, ImageEncoder, Luma, Rgb, RgbImage};
 use std::path::Path;
 use tempfile::TempDir;
 
-fn folder(files: &[(&str, &str)], images: &[&str], depths: &[&str]) -> TempDir {
+pub(crate) fn folder(files: &[(&str, &str)], images: &[&str], depths: &[&str]) -> TempDir {
     let folder = tempfile::tempdir().expect("a folder");
     let create = |name: &str| {
         let path = folder.path().join(name);
@@ -28,7 +28,7 @@ fn folder(files: &[(&str, &str)], images: &[&str], depths: &[&str]) -> TempDir {
     folder
 }
 
-fn open(folder: &Path) -> ImageSet {
+pub(crate) fn open(folder: &Path) -> ImageSet {
     ImageSet::open(folder, &ImageSetOptions::default()).expect("opens")
 }
 
@@ -199,31 +199,6 @@ fn metashape_scales_and_centres() {
         "{:?}",
         set.notes
     );
-}
-
-#[test]
-fn largest_model_read_and_others_named() {
-    let cameras = "1 PINHOLE 8 6 5 5 4 3\n";
-    let files = [
-        ("sparse/0/cameras.txt", cameras),
-        ("sparse/0/images.txt", "1 1 0 0 0 0 0 0 1 a.png\n"),
-        ("sparse/1/cameras.txt", cameras),
-        (
-            "sparse/1/images.txt",
-            "1 1 0 0 0 0 0 0 1 a.png\n2 1 0 0 0 nan 0 0 1 b.png\n3 1 0 0 0 0 0 1 1 c.PNG\n",
-        ),
-    ];
-    let folder = folder(
-        &files,
-        &["images/a.png", "images/b.png", "images/c.png"],
-        &[],
-    );
-    let set = open(folder.path());
-    assert_eq!(set.views.len(), 2);
-    let notes = set.notes.join("\n");
-    assert!(notes.contains("read sparse/1 with 3 images"), "{notes}");
-    assert!(notes.contains("sparse/0 with 1 images"), "{notes}");
-    assert!(notes.contains("left out 1 of 3 frames: b.png"), "{notes}");
 }
 
 /// Opens a `transforms.json` with the pose of two frames, and keys.
@@ -434,28 +409,6 @@ fn largest_sequence_read_and_others_named() {
 }
 
 #[test]
-fn model_beside_numbered_ones_considered() {
-    let camera = "1 PINHOLE 8 6 5 5 4 3\n";
-    let files = [
-        ("sparse/cameras.txt", camera),
-        (
-            "sparse/images.txt",
-            "1 1 0 0 0 0 0 0 1 a.png\n2 1 0 0 0 0 0 1 1 b.png\n",
-        ),
-        ("sparse/0/cameras.txt", camera),
-        ("sparse/0/images.txt", "1 1 0 0 0 0 0 0 1 a.png\n"),
-    ];
-    let folder = folder(&files, &["images/a.png", "images/b.png"], &[]);
-    let set = open(folder.path());
-    assert_eq!(set.views.len(), 2);
-    assert!(
-        set.notes.join("\n").contains("read sparse with 2 images"),
-        "{:?}",
-        set.notes
-    );
-}
-
-#[test]
 fn metashape_applies_transform_of_largest_chunk() {
     let sensors = r#"<sensors><sensor id="0" type="frame"><resolution width="8" height="6"/>
         <calibration class="adjusted"><f>5</f></calibration></sensor></sensors>"#;
@@ -492,29 +445,58 @@ fn metashape_applies_transform_of_largest_chunk() {
 }
 
 #[test]
-fn unusable_camera_leaves_out_its_images() {
-    for camera in [
-        "FANCY 8 6 5",
-        "PINHOLE 8 6 0 5 4 3",
-        "PINHOLE 8 6 nan 5 4 3",
-    ] {
-        let cameras = format!("\u{feff}1 PINHOLE 8 6 5 5 4 3\n2 {camera}\n");
+fn tum_reads_associations_in_either_order() {
+    let line = [
+        "1 rgb/a.png 1.01 depth/a.png\n",
+        "7 depth/a.png 1 rgb/a.png\n",
+    ];
+    for line in line {
         let files = [
-            ("sparse/cameras.txt", cameras.as_str()),
-            (
-                "sparse/images.txt",
-                "1 1 0 0 0 0 0 0 1 a.png\n2 1 0 0 0 0 0 1 2 b.png\n",
-            ),
+            ("associations.txt", line),
+            ("groundtruth.txt", "1 0.5 0 2 0 0 0 1\n"),
+            ("camera-intrinsics.txt", "5 0 3.5 0 5 2.5 0 0 1"),
         ];
-        let folder = folder(&files, &["images/a.png", "images/b.png"], &[]);
-        let set = open(folder.path());
-        let notes = set.notes.join("\n");
-        assert_eq!(set.views.len(), 1, "{notes}");
-        assert!(
-            notes.contains("left out 1 of 2 frames: b.png (camera 2 has"),
-            "{notes}"
-        );
+        let set = open(folder(&files, &["rgb/a.png"], &["depth/a.png"]).path());
+        check(&set, [0.5, 0.0, 2.0], 5.0, [4.0, 3.0], OPENCV);
+        assert!(set.views[0].depth.is_some(), "{line}");
     }
+}
+
+#[test]
+fn transforms_of_any_name_open() {
+    let json = format!(
+        r#"{{"fl_x": 5, "w": 8, "h": 6, "frames": [{{"file_path": "a.png", "transform_matrix": {IDENTITY}}}]}}"#
+    );
+    let folder = folder(&[("transforms_undistorted.json", &json)], &["a.png"], &[]);
+    assert_eq!(
+        open(&folder.path().join("transforms_undistorted.json"))
+            .views
+            .len(),
+        1
+    );
+}
+
+#[test]
+fn unusable_depth_of_some_frames_left_out() {
+    let frame = |depth: &str| {
+        format!(
+            r#"{{"file_path": "a.png", "depth_file_path": "{depth}", "transform_matrix": {IDENTITY}}}"#
+        )
+    };
+    let json = |depths: [&str; 3]| {
+        let frames = depths.map(frame).join(",");
+        format!(r#"{{"fl_x": 5, "w": 8, "h": 6, "frames": [{frames}]}}"#)
+    };
+    let opened = |depths: [&str; 3]| {
+        let files = [("transforms.json", &*json(depths)), ("bad.png", "no image")];
+        open(folder(&files, &["a.png"], &["d.png"]).path())
+    };
+    let set = opened(["d.png", "none.png", "bad.png"]);
+    assert_eq!(set.views_with_depth().count(), 1);
+    let notes = set.notes.join("\n");
+    assert!(notes.contains("2 of 3 depth files"), "{notes}");
+    // Without any, loading reports the problem.
+    assert_eq!(opened(["bad.png"; 3]).views_with_depth().count(), 3);
 }
 
 #[test]

@@ -3,6 +3,8 @@
 mod cameras;
 mod model;
 mod points;
+#[cfg(test)]
+mod tests;
 
 pub(crate) use model::open;
 pub use points::{SparsePoint, read_sparse_points};

@@ -43,6 +43,24 @@ pub(super) struct ModelFolder {
     note: Option<ReadNote>,
 }
 
+/// Folders of undistorted images with depth that COLMAP's reconstructors write beside `sparse`.
+const DENSE: [&str; 2] = ["dense/0", "dense"];
+
+/// Folder of depth maps in a dense one.
+const DEPTH_MAPS: &str = "stereo/depth_maps";
+
+/// Returns a note on depth that belongs to another model of the same images than the one that is
+/// read.
+fn note_dense(folder: &Path, model: &Path) -> Option<ReadNote> {
+    let has_depth = |below: &&str| folder.join(below).join(DEPTH_MAPS).is_dir();
+    let dense = folder.join(DENSE.into_iter().find(has_depth)?);
+    let sentence = format!(
+        "the depth in {} belongs to undistorted images: open that folder to use it",
+        dense.display()
+    );
+    (!model.starts_with(&dense)).then(|| sentence.into())
+}
+
 /// Returns the extension of the model's files in a folder.
 fn model_extension(folder: &Path) -> Option<&'static str> {
     let has = |extension: &&str| folder.join(format!("cameras.{extension}")).is_file();
@@ -52,7 +70,13 @@ fn model_extension(folder: &Path) -> Option<&'static str> {
 /// Finds the model in a folder or below it: of several models of a run, the one with most images.
 pub(super) fn find_model(set: &InputFolder) -> Result<Option<ModelFolder>, ImagesError> {
     let folder = set.path();
-    for (below, is_run) in [("", false), ("sparse", true), ("colmap/sparse", true)] {
+    let dense = DENSE.map(|below| (format!("{below}/sparse"), false));
+    let runs = ["sparse", "colmap/sparse"].map(|below| (below.to_owned(), true));
+    let places = [(String::new(), false)]
+        .into_iter()
+        .chain(runs)
+        .chain(dense);
+    for (below, is_run) in places {
         let path = folder.join(below);
         let mut models = Vec::new();
         // A run writes its models to the subfolders 0, 1, 2, ...
@@ -182,13 +206,16 @@ pub(crate) fn open(set: &InputFolder) -> Result<Option<ImageSet>, ImagesError> {
             continue;
         };
         let color = resolve_in(set, &pictures, &images_file, "name", &image.name)?;
-        let depth = ["geometric", "photometric"].into_iter().find_map(|kind| {
-            let path = folder
-                .join("stereo/depth_maps")
-                .join(format!("{}.{kind}.bin", image.name));
-            path.is_file()
-                .then(|| DepthSource::metres(path, DepthKind::EyeDepth, 1.0))
-        });
+        let workspaces = [Some(folder), model.path.parent()].into_iter().flatten();
+        let kinds = ["geometric", "photometric"].into_iter();
+        let depth = workspaces
+            .flat_map(|workspace| kinds.clone().map(move |kind| (workspace, kind)))
+            .find_map(|(workspace, kind)| {
+                let file = format!("{}.{kind}.bin", image.name);
+                let path = workspace.join(DEPTH_MAPS).join(file);
+                path.is_file()
+                    .then(|| DepthSource::metres(path, DepthKind::EyeDepth, 1.0))
+            });
         // The list sets the lens.
         let view = View::new(
             image.name,
@@ -207,6 +234,7 @@ pub(crate) fn open(set: &InputFolder) -> Result<Option<ImageSet>, ImagesError> {
     }
     let (views, mut notes) = list.finish();
     notes.extend(model.note);
+    notes.extend(note_dense(folder, &model.path));
     notes.extend(left_out.finish()?);
     Ok(Some(ImageSet {
         notes,
@@ -220,8 +248,13 @@ fn find_image_folder(set: &InputFolder, model: &Path, images: &[ColmapImage]) ->
     let folder = set.path();
     /// Number of images that are looked for: some may be missing.
     const FIRST: usize = 16;
-    let mut candidates = vec![folder.join("images"), model.join("images")];
-    candidates.extend(model.parent().map(|parent| parent.join("images")));
+    // Of images in several sizes, the largest that is there.
+    let smaller = ["images_2", "images_4", "images_8"];
+    // Undistorted images stand beside their model, below the originals.
+    let beside = model.parent().map(|parent| parent.join("images"));
+    let mut candidates: Vec<PathBuf> = beside.into_iter().collect();
+    candidates.extend([folder.join("images"), model.join("images")]);
+    candidates.extend(smaller.map(|name| folder.join(name)));
     candidates.push(folder.to_owned());
     candidates.extend(
         model

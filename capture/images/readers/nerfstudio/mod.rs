@@ -5,5 +5,5 @@ mod depth_keys;
 mod lens;
 mod transforms;
 
-pub(crate) use transforms::open;
 pub use transforms::{SetWriter, write_set};
+pub(crate) use transforms::{is_transforms, open};

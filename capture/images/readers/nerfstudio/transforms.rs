@@ -31,6 +31,11 @@ const FRAME: FileFrame = FileFrame {
     unit_m: 1.0,
 };
 
+/// Returns true if a JSON file of any name lists frames.
+pub(crate) fn is_transforms(folder: &InputFolder, file: &Path) -> bool {
+    fields::read(folder, file).is_ok_and(|value| value["frames"].is_array())
+}
+
 /// Opens the set of a `transforms.json`.
 pub(crate) fn open(folder: &InputFolder, file: &Path) -> Result<ImageSet, ImagesError> {
     let value = fields::read(folder, file)?;

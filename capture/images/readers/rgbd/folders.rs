@@ -1,5 +1,5 @@
 //! Reader of RGB-D sequences in folders: ScanNet (`color`, `depth`, `pose`, `intrinsic`), TUM
-//! (`rgb.txt`, `depth.txt`, `groundtruth.txt`) and Replica (`results`, `traj.txt`).
+//! (`rgb.txt`, `depth.txt` or `associations.txt`, `groundtruth.txt`) and Replica (`results`, `traj.txt`).
 
 use crate::color_images::{read_camera_size, read_size};
 use crate::depth::{AssumedDepth, DepthSource};
@@ -47,7 +47,8 @@ pub(crate) fn open(set: &InputFolder) -> Result<Option<ImageSet>, ImagesError> {
     if let (Some(poses), Some(colors)) = (poses, colors) {
         return open_scannet(set, &poses, &colors).map(Some);
     }
-    if folder.join("groundtruth.txt").is_file() && folder.join("rgb.txt").is_file() {
+    let is_listed = ["rgb.txt", ASSOCIATIONS].map(|name| folder.join(name).is_file());
+    if folder.join("groundtruth.txt").is_file() && is_listed.contains(&true) {
         return open_tum(set).map(Some);
     }
     if folder.join("traj.txt").is_file() && folder.join("results").is_dir() {
@@ -219,6 +220,29 @@ fn read_timed(set: &InputFolder, file: &Path) -> Result<Vec<TimedLine>, ImagesEr
     Ok(lines)
 }
 
+/// List of TUM's `associate.py` and of ICL-NUIM: time and image, time and depth, in either order.
+const ASSOCIATIONS: &str = "associations.txt";
+
+/// Reads associated images and depths, both with the time of the image.
+fn read_associations(set: &InputFolder, file: &Path) -> Result<[Vec<TimedLine>; 2], ImagesError> {
+    let (mut colors, mut depths) = (Vec::new(), Vec::new());
+    for (time, words) in read_timed(set, file)? {
+        let [first, other_time, second] = words.as_slice() else {
+            let cause = "expected a time and an image, then a time and its depth";
+            return Err(ImagesError::field(file, format!("time {time}"), cause));
+        };
+        let is_depth_first = first.to_lowercase().contains("depth");
+        let (color, depth, time) = if is_depth_first {
+            (second, first, other_time.parse().unwrap_or(time))
+        } else {
+            (first, second, time)
+        };
+        colors.push((time, vec![color.clone()]));
+        depths.push((time, vec![depth.clone()]));
+    }
+    Ok([colors, depths])
+}
+
 /// Returns the entry nearest in time, if it is near enough.
 fn nearest(lines: &[TimedLine], time: f64) -> Option<&[String]> {
     let after = lines.partition_point(|line| line.0 < time);
@@ -247,15 +271,18 @@ pub(super) fn pose_from_words(words: &[String]) -> Result<DMat4, String> {
 
 fn open_tum(set: &InputFolder) -> Result<ImageSet, ImagesError> {
     let folder = set.path();
-    let colors_file = folder.join("rgb.txt");
-    let poses_file = folder.join("groundtruth.txt");
-    let colors = read_timed(set, &colors_file)?;
+    let [colors_file, depth_file, poses_file] =
+        ["rgb.txt", "depth.txt", "groundtruth.txt"].map(|name| folder.join(name));
     let poses = read_timed(set, &poses_file)?;
-    let depth_file = folder.join("depth.txt");
-    let depths = if depth_file.is_file() {
-        read_timed(set, &depth_file)?
+    let [colors, depths] = if !colors_file.is_file() {
+        read_associations(set, &folder.join(ASSOCIATIONS))?
+    } else if depth_file.is_file() {
+        [
+            read_timed(set, &colors_file)?,
+            read_timed(set, &depth_file)?,
+        ]
     } else {
-        Vec::new()
+        [read_timed(set, &colors_file)?, Vec::new()]
     };
     let mut notes = Vec::new();
     let own = [

@@ -16,8 +16,7 @@ use headbox_cube::model::samples::CubeSamples;
 use headbox_cube::pack::{CubeLdi, SplatIndexLayout, Split};
 use headbox_cube::planes;
 use headbox_images::{
-    AlignStep, Alignment, CheckReport, ImageSet, ImagesError, Lens, Residual, TRANSFORMS, View,
-    align, check,
+    AlignStep, Alignment, CheckReport, ImageSet, ImagesError, Lens, Residual, View, align, check,
 };
 use headbox_ldi::from_images::ImageSetCapture;
 use headbox_photos::voxel_colouring::{Colouring, PhotographsJob};
@@ -168,11 +167,8 @@ pub(super) fn views_with_depth(set: &ImageSet) -> anyhow::Result<Vec<&View>> {
 /// Returns true if a command's argument names an image set instead of a scene.
 pub(super) fn is_image_set(name: &str) -> bool {
     let path = Path::new(name);
-    let manifests = TRANSFORMS.into_iter().chain(["manifest.json"]);
-    let manifest = path
-        .file_name()
-        .is_some_and(|file| manifests.into_iter().any(|known| file == known));
-    !name.starts_with("builtin:") && (path.is_dir() || (manifest && path.is_file()))
+    let is_manifest = || path.extension().is_some_and(|it| it == "json") && path.is_file();
+    !name.starts_with("builtin:") && (path.is_dir() || is_manifest())
 }
 
 impl ImagesCommand {
