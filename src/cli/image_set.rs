@@ -2,17 +2,21 @@
 
 use super::args::{StrictArgs, refuse_misplaced};
 use super::messages::UsageError;
-use super::output::print_notes;
+use super::output::{print_notes, print_warnings};
 use super::progress::Bar;
 use clap::Args;
 use headbox_core::files::protect_input;
 use headbox_core::progress::Progress;
 use headbox_images::{
-    ImageSet, ImageSetOptions, RefinementReport, RefinementStep, RegistrationModel,
-    RegistrationReport, RegistrationStep,
+    CheckReport, ImageSet, ImageSetOptions, RefinementReport, RefinementStep, RegistrationModel,
+    RegistrationReport, RegistrationStep, check_neighbors,
 };
 use headbox_photos::cache;
 use std::path::Path;
+
+/// Number of pairs of neighbours that are compared whenever a set is opened; `headbox images`
+/// compares more.
+const CHECKED_PAIRS: usize = 4;
 
 /// Options of opening image sets.
 #[derive(Args, Clone, Copy, Default)]
@@ -68,10 +72,22 @@ impl SetArgs {
         Ok(set)
     }
 
-    /// Opens a set and registers its colours with its depth.
+    /// Opens a set, warns if neighbours disagree, and registers its colours with its depth unless
+    /// its unit is in doubt.
     pub(super) fn open_registered(&self, folder: &Path) -> anyhow::Result<ImageSet> {
         let mut set = self.open(folder)?;
-        self.register(&mut set)?;
+        let has_depth = set.views_with_depth().next().is_some() && !set.has_estimated_depth();
+        let report = if has_depth {
+            check_neighbors(&set, CHECKED_PAIRS, &mut |_| {})?
+        } else {
+            CheckReport::default()
+        };
+        print_warnings(report.warnings);
+        if !report.is_unit_doubtful {
+            self.register(&mut set)?;
+        } else if !self.no_registration {
+            eprintln!("note: colours are not registered with depth, because its unit is in doubt");
+        }
         Ok(set)
     }
 

@@ -7,6 +7,7 @@ mod demo_cli;
 mod export_cli;
 mod headbox_cli;
 mod house;
+mod image_faults_cli;
 mod images_cli;
 mod light_cli;
 mod lumigraph_cli;

@@ -1,6 +1,7 @@
 //! Unit of depth by colours: cameras that move sideways along a wall see the same depth in any
 //! unit, but not the same colours.
 
+use crate::depth_evidence::{FLOAT_FACTORS, INTEGER_FACTORS};
 use crate::seen_points::{SeenPoints, sampling_step};
 use crate::view::LoadedView;
 
@@ -35,6 +36,13 @@ pub(super) struct ColorScales {
     pairs: Vec<Vec<f64>>,
 }
 
+/// Doubt about depth, from colours.
+pub(super) struct ColorDoubt {
+    pub(super) sentence: String,
+    /// True if another unit explains the colours.
+    pub(super) is_of_unit: bool,
+}
+
 impl ColorScales {
     /// Compares the points of `a` with the colours of `b` where they project to.
     pub(super) fn add(&mut self, a: &LoadedView, b: &LoadedView) {
@@ -42,8 +50,8 @@ impl ColorScales {
         self.pairs.push(levels.collect());
     }
 
-    /// Returns a warning if colours agree only with another unit, or with none.
-    pub(super) fn describe(&self) -> Option<String> {
+    /// Returns a doubt if colours agree only with another unit, or with none.
+    pub(super) fn doubt(&self) -> Option<ColorDoubt> {
         let means: Vec<f64> = (0..=2 * SIDE)
             .map(|i| {
                 let known = self
@@ -74,23 +82,41 @@ impl ColorScales {
         }
         let levels = means[best];
         if levels < IMPROVEMENT * given && best.abs_diff(SIDE) > 1 {
-            return Some(format!(
+            let sentence = format!(
                 "colours of the same points differ by {given:.0} levels of 255, but only by {levels:.0} if depth is multiplied by \
-                 the factor {:.2}: the unit of depth or of the poses may be wrong",
-                factor(best)
-            ));
+                 the factor {:.3}: the unit of depth or of the poses may be wrong",
+                usual_factor(factor(best))
+            );
+            return Some(ColorDoubt {
+                sentence,
+                is_of_unit: true,
+            });
         }
-        (given > MAX_UNEXPLAINED).then(|| {
-            format!(
+        (given > MAX_UNEXPLAINED).then(|| ColorDoubt {
+            sentence: format!(
                 "colours of the same points differ by {given:.0} levels of 255 on average: the poses, the unit of depth or its \
                  kind may be wrong, or exposures differ"
-            )
+            ),
+            is_of_unit: false,
         })
     }
 }
 
 fn factor(index: usize) -> f64 {
     ((index as f64 - SIDE as f64) / PER_DOUBLING).exp2()
+}
+
+/// Returns the ratio of two usual units nearest to a factor, or the factor itself if it is far from
+/// all: the factors that are tried are a tenth apart.
+fn usual_factor(factor: f64) -> f64 {
+    const NEAR: f64 = 0.06;
+    let units = INTEGER_FACTORS.into_iter().chain(FLOAT_FACTORS);
+    let factors = units.flat_map(|unit| [unit, 1.0 / unit]);
+    let distance = |usual: &f64| (usual / factor).ln().abs();
+    factors
+        .filter(|usual| distance(usual) < NEAR)
+        .min_by(|a, b| distance(a).total_cmp(&distance(b)))
+        .unwrap_or(factor)
 }
 
 /// Returns the mean colour difference of the points that both see, with depth times `factor`; NaN

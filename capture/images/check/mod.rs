@@ -34,6 +34,8 @@ pub struct CheckReport {
     pub median_depth_m: f64,
     /// Fraction of pixels with known depth (0..=1).
     pub depth_share: f64,
+    /// True if the colours of neighbours agree with another unit of depth only.
+    pub is_unit_doubtful: bool,
     /// Warnings, one sentence each.
     pub warnings: Vec<String>,
 }
@@ -128,7 +130,9 @@ pub fn check_neighbors(
             outside.len()
         ));
     }
-    report.warnings.extend(scales.describe());
+    let doubt = scales.doubt();
+    report.is_unit_doubtful = doubt.as_ref().is_some_and(|doubt| doubt.is_of_unit);
+    report.warnings.extend(doubt.map(|doubt| doubt.sentence));
     let unknown = text::abbreviate(&unknown);
     report.warnings.extend(
         unknown.map(|which| {
@@ -307,7 +311,15 @@ mod tests {
     #[test]
     fn colours_show_a_wrong_unit() {
         assert_eq!(check_wall(2.0), "");
-        for (depth_m, factor) in [(8.0, "0.25"), (4.0, "0.50"), (0.5, "4.00")] {
+        // The usual unit nearest to the factor that was tried, if there is one.
+        let wrong = [
+            (8.0, "0.25"),
+            (4.0, "0.50"),
+            (0.5, "4.00"),
+            (16.0, "0.125"),
+            (10.0, "0.200"),
+        ];
+        for (depth_m, factor) in wrong {
             let warnings = check_wall(depth_m);
             assert!(
                 warnings.contains("colours of the same points"),

@@ -3,18 +3,14 @@
 use crate::args::{refuse_given, refuse_misplaced};
 use crate::commands::capture::{CaptureCommand, Preset};
 use crate::commands::images::SetJob;
-use crate::output::{CUBE, Outputs, peak_rss_mb, print_json, print_warnings};
+use crate::output::{CUBE, Outputs, peak_rss_mb, print_json};
 use crate::packing::describe_cube;
 use crate::progress::Bar;
 use anyhow::bail;
-use headbox_images::{View, check_neighbors};
+use headbox_images::View;
 use serde_json::json;
 use std::path::Path;
 use std::time::Instant;
-
-/// Number of pairs of neighbours that are compared while a set is captured; `headbox images`
-/// compares more.
-const CHECKED_PAIRS: usize = 4;
 
 /// Name of image sets with depth in messages.
 pub(super) const DEPTH: &str = "folders of images with depth";
@@ -52,11 +48,6 @@ impl CaptureCommand {
                 let preset = self.quality.preset.quality.unwrap_or(Preset::Best);
                 *reduction = preset.reduction();
             }
-        }
-        if let SetJob::Depth(_) = job {
-            // Before the work, so that problems are reported at once. Views without depth are not
-            // compared, nor are their files needed.
-            print_warnings(check_neighbors(&set, CHECKED_PAIRS, &mut |_| {})?.warnings);
         }
         let bar = Bar::new();
         let views = job.views(&set);
