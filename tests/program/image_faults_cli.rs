@@ -1,10 +1,5 @@
 //! Promises of the command line about faults of image sets.
 
-#![expect(
-    clippy::unwrap_used,
-    reason = "in a test a panic is the failure report"
-)]
-
 use super::images_cli::{DEPTH_FOCAL, SIZE, room};
 use super::run::{fails, headbox, outputs};
 use image::{ImageBuffer, Luma, Rgb, RgbImage};
