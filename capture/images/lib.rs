@@ -118,7 +118,7 @@ fn note_images(sentence: &str, views: &[&View]) -> ReadNote {
 }
 
 /// File names of nerfstudio sets and of the training images of NeRF's synthetic scenes.
-pub const TRANSFORMS: [&str; 2] = ["transforms.json", "transforms_train.json"];
+const TRANSFORMS: [&str; 2] = ["transforms.json", "transforms_train.json"];
 
 impl ImageSet {
     /// Creates a set of views in the default frame.

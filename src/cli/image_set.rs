@@ -164,14 +164,15 @@ fn describe_registration(report: &RegistrationReport) -> String {
     );
     let part = if report.sampled_views < report.views {
         format!(
-            "{} of {} views, which speak for all,",
+            "{} of {} views, which represent all,",
             report.sampled_views, report.views
         )
     } else {
         "views".into()
     };
     let tried = format!(
-        "{part} differ by {given:.2} levels as given, {one:.2} with one colour camera, {each:.2} with one for each view"
+        "colours of the same points in {part} differ by {given:.2} of 255 levels with the cameras as given, {one:.2} with another \
+         colour camera, {each:.2} with one for each view"
     );
     match report.applied {
         RegistrationModel::AsGiven => {

@@ -429,13 +429,10 @@ fn furniture_without_a_readable_model_is_named() {
     let xml = format!("<home>{content}</home>");
     let damaged = archive(&[("Home.xml", xml.as_bytes()), ("1/a.obj", b"f 1 2 3\n")]);
     for (loaded, cause) in [
-        (
-            damaged,
-            "the archive has no OBJ for them that can be read: 1/a.obj",
-        ),
+        (damaged, "the archive has no OBJ that can be read: 1/a.obj"),
         (
             plan("", &content),
-            "their models are read from an archive (.sh3d) only: 1/a.obj",
+            "models are read from an archive (.sh3d) only: 1/a.obj",
         ),
     ] {
         let notes = loaded.model.scene.summary.notes;

@@ -194,7 +194,7 @@ fn archive_without_export_is_built() {
     assert!(
         notes
             .iter()
-            .any(|n| n.starts_with("1 pieces of furniture shown as boxes")),
+            .any(|n| n.starts_with("1 piece of furniture is shown as a box")),
         "{notes:?}"
     );
 

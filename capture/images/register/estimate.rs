@@ -39,7 +39,7 @@ const MAX_FOCAL_RATIO: f64 = 1.5;
 
 /// Returns true if an estimate may be a camera of the sensor. One that shrinks all images to a point
 /// has no differences at all.
-fn is_plausible(estimate: &Calibration, given: &Pinhole) -> bool {
+pub(super) fn is_plausible(estimate: &Calibration, given: &Pinhole) -> bool {
     let ratio = estimate.focal_px / given.focal_px[0];
     (1.0 / MAX_FOCAL_RATIO..=MAX_FOCAL_RATIO).contains(&ratio)
 }

@@ -184,17 +184,17 @@ fn build_from_plan(
 /// Returns the note on furniture shown as boxes.
 fn boxes_note(plain: &PlainHome) -> String {
     let cause = if plain.archive.is_present() {
-        "the archive has no OBJ for them that can be read"
+        "the archive has no OBJ that can be read"
     } else {
-        "their models are read from an archive (.sh3d) only"
+        "models are read from an archive (.sh3d) only"
+    };
+    let what = match plain.boxes.len() {
+        1 => "1 piece of furniture is shown as a box".into(),
+        count => format!("{count} pieces of furniture are shown as boxes"),
     };
     let names: BTreeSet<&str> = plain.boxes.iter().map(String::as_str).collect();
     let names: Vec<&str> = names.into_iter().filter(|name| !name.is_empty()).collect();
-    let sentence = format!(
-        "{} pieces of furniture shown as boxes because {cause}",
-        plain.boxes.len()
-    );
-    ReadNote::with_names(&sentence, &names, 5).to_string()
+    ReadNote::with_names(&format!("{what}, because {cause}"), &names, 5).to_string()
 }
 
 /// Adds the note that a number of things is not built, if there are any.
