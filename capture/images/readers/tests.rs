@@ -460,6 +460,13 @@ fn tum_reads_associations_in_either_order() {
         check(&set, [0.5, 0.0, 2.0], 5.0, [4.0, 3.0], OPENCV);
         assert!(set.views[0].depth.is_some(), "{line}");
     }
+    let files = [
+        ("associations.txt", "7 depth/a.png one rgb/a.png\n"),
+        ("groundtruth.txt", "1 0.5 0 2 0 0 0 1\n"),
+    ];
+    let folder = folder(&files, &["rgb/a.png"], &["depth/a.png"]);
+    let error = ImageSet::open(folder.path(), &ImageSetOptions::default()).expect_err("no time");
+    assert!(error.to_string().contains("expected a time"), "{error}");
 }
 
 #[test]

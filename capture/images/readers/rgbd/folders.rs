@@ -1,5 +1,6 @@
 //! Reader of RGB-D sequences in folders: ScanNet (`color`, `depth`, `pose`, `intrinsic`), TUM
-//! (`rgb.txt`, `depth.txt` or `associations.txt`, `groundtruth.txt`) and Replica (`results`, `traj.txt`).
+//! (`rgb.txt`, `depth.txt` or `associations.txt`, `groundtruth.txt`) and Replica (`results`,
+//! `traj.txt`).
 
 use crate::color_images::{read_camera_size, read_size};
 use crate::depth::{AssumedDepth, DepthSource};
@@ -227,13 +228,14 @@ const ASSOCIATIONS: &str = "associations.txt";
 fn read_associations(set: &InputFolder, file: &Path) -> Result<[Vec<TimedLine>; 2], ImagesError> {
     let (mut colors, mut depths) = (Vec::new(), Vec::new());
     for (time, words) in read_timed(set, file)? {
-        let [first, other_time, second] = words.as_slice() else {
+        let other_time = words.get(1).and_then(|word| word.parse().ok());
+        let ([first, _, second], Some(other_time)) = (words.as_slice(), other_time) else {
             let cause = "expected a time and an image, then a time and its depth";
             return Err(ImagesError::field(file, format!("time {time}"), cause));
         };
         let is_depth_first = first.to_lowercase().contains("depth");
         let (color, depth, time) = if is_depth_first {
-            (second, first, other_time.parse().unwrap_or(time))
+            (second, first, other_time)
         } else {
             (first, second, time)
         };
