@@ -50,8 +50,8 @@ pub(crate) struct TruthCommand {
     /// Diffuse bounces of light after direct light, 0 to 64, or full: all bounces, the default
     #[arg(long, value_name = "B")]
     bounces: Option<Bounces>,
-    /// Maximum number of rays per pixel, made even, for noise is measured between two halves; 256 by
-    /// default, without limit with --noise or --time
+    /// Maximum number of rays per pixel, rounded up to an even number; 256 by default, without limit
+    /// with --noise or --time
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_SAMPLES)))]
     samples: Option<u32>,
     /// Stop once the standard error is this small, dB (PSNR); 40 is hardly visible
