@@ -4,6 +4,7 @@
 use crate::depth_evidence::{FLOAT_FACTORS, INTEGER_FACTORS};
 use crate::seen_points::{SeenPoints, sampling_step};
 use crate::view::LoadedView;
+use rayon::prelude::*;
 
 /// Number of factors on either side of 1.
 const SIDE: usize = 48;
@@ -46,7 +47,8 @@ pub(super) struct ColorDoubt {
 impl ColorScales {
     /// Compares the points of `a` with the colours of `b` where they project to.
     pub(super) fn add(&mut self, a: &LoadedView, b: &LoadedView) {
-        let levels = (0..=2 * SIDE).map(|i| mean_levels(a, b, factor(i)));
+        let factors = (0..=2 * SIDE).into_par_iter();
+        let levels = factors.map(|i| mean_levels(a, b, factor(i)));
         self.pairs.push(levels.collect());
     }
 
