@@ -8,15 +8,11 @@ use clap::Args;
 use headbox_core::files::protect_input;
 use headbox_core::progress::Progress;
 use headbox_images::{
-    CheckReport, ImageSet, ImageSetOptions, RefinementReport, RefinementStep, RegistrationModel,
-    RegistrationReport, RegistrationStep, check_neighbors,
+    ImageSet, ImageSetOptions, RefinementReport, RefinementStep, RegistrationModel,
+    RegistrationReport, RegistrationStep,
 };
 use headbox_photos::cache;
 use std::path::Path;
-
-/// Number of pairs of neighbours that are compared whenever a set is opened; `headbox images`
-/// compares more.
-const CHECKED_PAIRS: usize = 4;
 
 /// Options of opening image sets.
 #[derive(Args, Clone, Copy, Default)]
@@ -76,19 +72,26 @@ impl SetArgs {
     /// its unit is in doubt.
     pub(super) fn open_registered(&self, folder: &Path) -> anyhow::Result<ImageSet> {
         let mut set = self.open(folder)?;
-        let has_depth = set.views_with_depth().next().is_some() && !set.has_estimated_depth();
-        let report = if has_depth {
-            check_neighbors(&set, CHECKED_PAIRS, &mut |_| {})?
-        } else {
-            CheckReport::default()
-        };
-        print_warnings(report.warnings);
-        if !report.is_unit_doubtful {
+        if self.compare_neighbors(&set)? {
             self.register(&mut set)?;
-        } else if !self.no_registration {
-            eprintln!("note: colours are not registered with depth, because its unit is in doubt");
         }
         Ok(set)
+    }
+
+    /// Warns if neighbours with depth of their own disagree. Returns true unless the unit of depth
+    /// is in doubt, so that colours cannot be registered.
+    pub(super) fn compare_neighbors(&self, set: &ImageSet) -> anyhow::Result<bool> {
+        if set.views_with_depth().next().is_none() || set.has_estimated_depth() {
+            return Ok(true);
+        }
+        let folder = cache::folder(cache::IMAGES);
+        let (doubts, cached) = cache::compare_neighbors(set, folder.as_deref())?;
+        print_notes(&cached.note);
+        print_warnings(doubts.warnings);
+        if doubts.is_unit_doubtful && !self.no_registration {
+            eprintln!("note: colours are not registered with depth, because its unit is in doubt");
+        }
+        Ok(!doubts.is_unit_doubtful)
     }
 
     /// Registers a set's colour cameras with its depth cameras, unless refused.

@@ -71,8 +71,10 @@ impl FileKind {
     pub const REGISTRATION: Self = Self::new(*b"regi", "registration", 1, 1);
     /// Cached refined poses of an image set.
     pub const POSES: Self = Self::new(*b"pose", "poses", 1, 1);
+    /// Cached comparison of neighbouring views of an image set.
+    pub const NEIGHBORS: Self = Self::new(*b"ngbr", "neighbours", 1, 1);
     /// All kinds.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 10] = [
         Self::CUBE_LDI,
         Self::SHARD,
         Self::SPRITES,
@@ -82,6 +84,7 @@ impl FileKind {
         Self::SAMPLES,
         Self::REGISTRATION,
         Self::POSES,
+        Self::NEIGHBORS,
     ];
 
     const fn new(tag: [u8; 4], name: &'static str, oldest: u32, version: u32) -> Self {

@@ -7,10 +7,12 @@
 //! ([`evict_to`]).
 
 mod eviction;
+mod neighbors;
 mod refinement;
 mod registration;
 
 pub use eviction::{FileLock, MOST_BYTES, evict_to};
+pub use neighbors::{DepthDoubts, compare_neighbors};
 pub use refinement::refine_poses;
 pub use registration::register;
 

@@ -19,7 +19,7 @@ impl LumigraphCommand {
         Outputs::new(self.json, [&self.scene]).file(&self.output, &LUMIGRAPH)?;
         let mut set = self.images.open(Path::new(&self.scene))?;
         // Rendered images (without depth noise) need no registration.
-        if set.depth_noise() > 0.0 {
+        if self.images.compare_neighbors(&set)? && set.depth_noise() > 0.0 {
             self.images.register(&mut set)?;
         }
         let bar = Bar::new();
