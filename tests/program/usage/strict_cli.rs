@@ -5,7 +5,7 @@
     reason = "in a test a panic is the failure report"
 )]
 
-use super::run::{fails, headbox, json, refused, succeeds};
+use crate::run::{fails, headbox, json, refused, succeeds};
 use std::fmt::Write as _;
 use std::path::Path;
 

@@ -1,7 +1,7 @@
 //! Promises of the command line about faults of image sets.
 
 use super::images_cli::{DEPTH_FOCAL, SIZE, room};
-use super::run::{fails, headbox, outputs};
+use crate::run::{fails, headbox, outputs};
 use image::{ImageBuffer, Luma, Rgb, RgbImage};
 use std::path::Path;
 

@@ -5,7 +5,7 @@
     reason = "in a test a panic is the failure report"
 )]
 
-use super::run::{fails, json, succeeds};
+use crate::run::{fails, json, succeeds};
 use glam::{Mat3, Quat, Vec3};
 use serde_json::{Value, json};
 use std::path::Path;

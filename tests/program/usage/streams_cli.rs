@@ -6,7 +6,7 @@
     reason = "in a test a panic is the failure report"
 )]
 
-use crate::run::succeeds;
+use crate::run::{refused, succeeds};
 use std::fs::File;
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
@@ -113,4 +113,24 @@ fn files_of_killed_runs_are_removed_and_of_running_ones_kept() {
     succeeds(dir.path(), &["scenes", "--export", "bump", "bump.obj"]);
     assert!(!at(".headbox-7-0.part").exists() && at(".headbox-7-1.part").exists());
     assert!(at("bump.obj").exists());
+}
+
+#[test]
+fn waiting_for_pipe_is_reported() {
+    let dir = tempfile::tempdir().unwrap();
+    let pipe = dir.path().join("pipe.obj");
+    assert!(
+        Command::new("mkfifo")
+            .arg(&pipe)
+            .status()
+            .unwrap()
+            .success()
+    );
+    let writer = std::thread::spawn(move || std::fs::write(pipe, "v 0 0 0\n"));
+    let message = refused(dir.path(), 1, &["capture", "pipe.obj", "-o", "x.ldi"]);
+    assert!(
+        message.starts_with("note: pipe.obj is a pipe; waiting for what is written to it"),
+        "{message}"
+    );
+    writer.join().unwrap().unwrap();
 }

@@ -1,6 +1,6 @@
 //! `headbox house -o`, `render` and `info` on a `.house` file, as a user runs them.
 
-use super::run;
+use crate::run;
 use glam::DVec3;
 use serde_json::Value;
 use std::path::Path;

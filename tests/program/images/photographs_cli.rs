@@ -7,7 +7,7 @@
 )]
 
 use super::images_cli::{DEPTH_FOCAL, room};
-use super::run::{headbox, outputs};
+use crate::run::{headbox, outputs};
 use image::{Rgb, RgbImage};
 use std::fmt::Write as _;
 use std::path::Path;

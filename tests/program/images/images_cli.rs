@@ -6,7 +6,7 @@
     reason = "in a test a panic is the failure report"
 )]
 
-use super::run::{fails, headbox, outputs};
+use crate::run::{fails, headbox, outputs};
 use image::{ImageBuffer, Luma, Rgb, RgbImage};
 use std::fmt::Write as _;
 use std::path::Path;

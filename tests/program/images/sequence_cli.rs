@@ -1,6 +1,6 @@
 //! Promises of the command line about sprites of a sequence of photographs (S10).
 
-use super::run::{fails, json, succeeds};
+use crate::run::{fails, json, succeeds};
 use image::{GrayImage, Luma};
 
 #[test]

@@ -1,6 +1,6 @@
 //! `headbox house`, plans, and baked light against truth.
 
-use super::run::{headbox, refused, succeeds};
+use crate::run::{headbox, refused, succeeds};
 use glam::dvec3;
 use headbox_core::camera::Camera;
 use headbox_core::metrics;
