@@ -1,7 +1,7 @@
 //! glTF files built here, clean and damaged.
 
+use super::gltf_asset::{Asset, CORNERS, NODE, SQUARE, base64, load_text, square};
 use crate::folder::Folder;
-use crate::gltf_asset::{Asset, CORNERS, NODE, SQUARE, base64, load_text, square};
 use glam::{Vec2, Vec3, dvec3};
 use headbox_core::file_frame::FileFrame;
 use headbox_scene::scene::Scene;

@@ -1,6 +1,6 @@
 //! Portal model of a real home, if its files are present: from its export, and from its plan alone.
 
-use crate::homes::{cells, load};
+use super::homes::{cells, load};
 use headbox_model::Finding;
 use headbox_model::load::{LoadedModel, ModelOptions, load_model};
 use headbox_trace::bvh::{Ray, Tracer};

@@ -1,6 +1,6 @@
 //! Edge cases of the tracer: the range of `t`, cut-outs, invalid input.
 
-use crate::trace_oracle::{bits, scene_from_triangles};
+use super::oracle::{bits, scene_from_triangles};
 use glam::{DVec3, Vec2, Vec3, dvec3, vec3};
 use headbox_scene::material::{Cutout, Material, Texture};
 use headbox_scene::scene::Scene;

@@ -3,8 +3,8 @@
 //!
 //! The compressed bytes were made by draco3d 1.5.7, meshoptimizer 1.0.1 and Basis Universal 2.10.
 
+use super::gltf_asset::{Asset, NODE, SQUARE, load_text, square};
 use crate::folder::Folder;
-use crate::gltf_asset::{Asset, NODE, SQUARE, load_text, square};
 use glam::{DVec3, Vec2, Vec3};
 use headbox_scene::material::{Sampler, Wrap};
 use headbox_scene::scene::Scene;

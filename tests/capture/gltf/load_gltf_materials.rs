@@ -1,7 +1,7 @@
 //! glTF materials: samplers, alpha of vertices, second sets of texture coordinates, sides.
 
+use super::gltf_asset::{Asset, NODE, SQUARE, load_text, square};
 use crate::folder::Folder;
-use crate::gltf_asset::{Asset, NODE, SQUARE, load_text, square};
 use headbox_scene::material::{Sampler, Wrap};
 use headbox_scene::scene::Scene;
 

@@ -1,6 +1,6 @@
 //! TOML portal models that refer to groups of an OBJ or nodes of a glTF.
 
-use crate::homes::{Obj, cells, error_of, folder, load};
+use super::homes::{Obj, cells, error_of, folder, load};
 use headbox_model::load::LoadedModel;
 use headbox_model::{Finding, Severity};
 use tempfile::TempDir;

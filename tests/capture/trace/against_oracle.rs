@@ -1,6 +1,6 @@
 //! The tracer against a brute-force oracle: Möller-Trumbore in `f64` over every triangle.
 
-use crate::trace_oracle::{
+use super::oracle::{
     OracleHit, bits, grid, levels, oracle_hits, rays_for, scene_from_triangles, soup, sphere,
 };
 use glam::{DVec3, Vec3, dvec3, vec3};

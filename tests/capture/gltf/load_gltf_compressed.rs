@@ -1,8 +1,8 @@
 //! glTF files whose meshes and textures are compressed. The bytes were made by Draco 1.5, gltfpack
 //! 1.3 and the encoder of Basis Universal 2.1.
 
+use super::gltf_asset::{Asset, NODE, SQUARE, load_text, square};
 use crate::folder::Folder;
-use crate::gltf_asset::{Asset, NODE, SQUARE, load_text, square};
 use headbox_scene::scene::Scene;
 
 /// A cube from -0.6 to 0.6: Draco, edge breaker, positions of 14 bits.

@@ -1,7 +1,7 @@
 //! glTF files with skins, morph targets, instances, and other material models.
 
+use super::gltf_asset::{Asset, NODE, SQUARE, load_text, square};
 use crate::folder::Folder;
-use crate::gltf_asset::{Asset, NODE, SQUARE, load_text, square};
 use glam::{DVec3, Vec3, dvec3};
 use headbox_scene::scene::Scene;
 

@@ -1,7 +1,7 @@
 //! Details of Sweet Home 3D homes: sloping and missing ceilings, arc walls, hidden storeys,
 //! textures, models with materials.
 
-use crate::homes::{home, home_xml, load};
+use super::homes::{home, home_xml, load};
 use glam::DVec3;
 use headbox_core::color::linear_from_srgb;
 use headbox_model::PortalModel;
@@ -15,7 +15,7 @@ use std::sync::Arc;
 /// Loads a home without an export.
 fn plan(attributes: &str, content: &str) -> LoadedModel {
     load(
-        &crate::homes::folder(&[("Home.xml", &format!("<home {attributes}>{content}</home>"))]),
+        &super::homes::folder(&[("Home.xml", &format!("<home {attributes}>{content}</home>"))]),
         "Home.xml",
     )
 }
@@ -160,7 +160,7 @@ fn missing_ceilings_are_restored() {
         "{notes}"
     );
     // It is also added to an export without a ceiling.
-    let rooms = crate::homes::ROOMS.replace("<room", "<room ceilingVisible='false'");
+    let rooms = super::homes::ROOMS.replace("<room", "<room ceilingVisible='false'");
     let folder = home(&rooms, "");
     fs::write(
         folder.path().join("Home.xml"),

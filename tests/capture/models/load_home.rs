@@ -1,7 +1,7 @@
 //! Portal models from Sweet Home 3D: small homes written here, with their exports and without.
 
+use super::homes::{DOOR, ROOMS, cells, error_of, folder, home, home_obj, home_xml, load};
 use crate::folder::{Folder, TRIANGLE};
-use crate::homes::{DOOR, ROOMS, cells, error_of, folder, home, home_obj, home_xml, load};
 use headbox_core::color::{linear_from_srgb, linear_from_srgb8};
 use headbox_core::file_frame::UpAxis;
 use headbox_model::Finding;

@@ -1,0 +1,5 @@
+//! Image sets: formats and their faults.
+
+mod faults;
+mod formats;
+mod wall;
