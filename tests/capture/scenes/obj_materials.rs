@@ -1,6 +1,6 @@
 //! Materials of OBJ files: libraries, textures, cutouts and emission.
 
-use super::load_obj::{notes, obj};
+use super::load_obj::obj;
 use crate::folder::{Folder, TRIANGLE};
 use glam::Vec2;
 use headbox_scene::scene::Scene;

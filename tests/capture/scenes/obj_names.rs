@@ -1,6 +1,5 @@
 //! Names in OBJ and MTL files: encodings, comments and composed characters.
 
-use super::load_obj::{notes, obj};
 use super::obj_materials::RED;
 use crate::folder::{Folder, TRIANGLE};
 

@@ -2,6 +2,7 @@
 
 mod export_budget;
 mod packed_ldi;
+mod plane_frames;
 mod primitives;
 mod splat_quality;
 mod version_1;

@@ -5,4 +5,6 @@ mod portal_cull;
 mod portal_eyes;
 mod portal_walk;
 mod raster;
+mod raster_colors;
+mod raster_coverage;
 mod three_rooms;

@@ -4,4 +4,5 @@ mod compose;
 mod figure;
 mod files;
 mod oracle;
+mod source_addresses;
 mod warp;

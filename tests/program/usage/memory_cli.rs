@@ -1,6 +1,6 @@
 //! Limits of `--memory`: files that are refused by name, and captures that keep within it.
 
-use crate::run::{fails, json, refused, succeeds};
+use crate::run::{fails, json, succeeds};
 
 #[test]
 fn memory_limit_refuses_files_by_name() {
