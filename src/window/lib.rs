@@ -20,8 +20,6 @@ mod file_name;
 mod marks;
 pub mod sources;
 mod terms;
-#[cfg(test)]
-mod tests;
 mod threads;
 
 pub use crate::marks::Marks;

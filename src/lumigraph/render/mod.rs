@@ -15,3 +15,5 @@ pub(crate) mod rays;
 pub(crate) mod show;
 pub(crate) mod slabs_render;
 mod taps;
+#[cfg(test)]
+mod tests;

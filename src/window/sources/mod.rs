@@ -8,4 +8,6 @@ mod photographs;
 mod preview;
 pub(crate) mod progressive_capture;
 mod sun_settings;
+#[cfg(test)]
+mod tests;
 pub(crate) mod view;

@@ -1,6 +1,8 @@
 //! Cameras around an object.
 
 use super::*;
+use glam::DMat3;
+use headbox_images::{Distortion, Lens, Pinhole, Pose};
 
 /// Views of a patterned ball from a ring, through lenses whose fields of view are narrower than the
 /// steps between cameras.
