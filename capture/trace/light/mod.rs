@@ -12,18 +12,13 @@
 mod arrival;
 mod bounced;
 mod cells;
-mod emitters;
+mod direct;
 mod environment;
 mod gloss;
-mod guide;
-mod light_tree;
+mod guiding;
 mod path;
 mod pilot;
-mod reflectors;
 mod sequence;
-mod sharp;
-mod sky;
-mod square;
 #[cfg(test)]
 pub(crate) mod tests;
 
@@ -33,17 +28,17 @@ use crate::bvh::{Hit, Ray, Tracer};
 use crate::sampler::{random4, unit_float};
 use crate::viewpoint;
 use bounced::BouncedLight;
+use direct::light_tree::LightTree;
+use direct::sharp::LocalLamp;
 use glam::{DVec3, Vec3};
-use guide::Guide;
+use guiding::guide::Guide;
 use headbox_core::bounces::Bounces;
 use headbox_core::color::luminance;
 use headbox_core::color::tone::ToneMap;
 use headbox_scene::scene::{Sky, Sun, Surface};
-use light_tree::LightTree;
 use path::Path;
 use pilot::{Pilot, PilotPoint, percentile};
 use rayon::prelude::*;
-use sharp::LocalLamp;
 
 /// Ambient fill light, attenuated by obscurance: radiance along a cosine-weighted ray that hits
 /// nothing within `reach_m`, falling to zero at zero distance. Replaces the lamps that a model of a
@@ -203,8 +198,8 @@ impl Lighting {
         Self {
             sun: scene.sun,
             sky: scene.sky.clone(),
-            lamps: sharp::local_lamps(tracer),
-            emitters: emitters::emitter_tree(tracer),
+            lamps: direct::sharp::local_lamps(tracer),
+            emitters: direct::emitters::emitter_tree(tracer),
             reflectors: LightTree::default(),
             guide: Guide::default(),
             bounced: BouncedLight::default(),

@@ -1,6 +1,6 @@
 //! Paths of light: next-event estimation at each vertex and the ray to the next.
 
-use super::guide::{Aim, Directions};
+use super::guiding::guide::{Aim, Directions};
 use super::{LightSample, Lighting, LitPoint};
 use crate::bvh::{Ray, Tracer};
 use glam::Vec3;

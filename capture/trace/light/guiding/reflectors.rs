@@ -7,10 +7,10 @@
 //! combined by the balance heuristic for one sample (Veach and Guibas 1995, "Optimally combining
 //! sampling techniques for Monte Carlo rendering"), so that no mean changes.
 
-use super::emitters::{area, point_on_triangle};
-use super::light_tree::{Leaf, LightTree};
-use super::{LightSample, Lighting, LitPoint};
 use crate::bvh::Tracer;
+use crate::light::direct::emitters::{area, point_on_triangle};
+use crate::light::direct::light_tree::{Leaf, LightTree};
+use crate::light::{LightSample, Lighting, LitPoint};
 use glam::Vec3;
 use headbox_core::color::luminance;
 use rayon::prelude::*;
@@ -26,7 +26,7 @@ const SAMPLES: u32 = 8;
 
 /// Reflectors as seen from a point.
 #[derive(Clone, Copy)]
-pub(super) struct Reflectors<'a> {
+pub(crate) struct Reflectors<'a> {
     tree: &'a LightTree,
     point: LitPoint,
 }
@@ -34,7 +34,7 @@ pub(super) struct Reflectors<'a> {
 impl Reflectors<'_> {
     /// Returns the direction to a point on a reflector, sampled by three numbers in [0, 1), and the
     /// reflector's triangle.
-    pub(super) fn aim(&self, tracer: &Tracer, number: f32, pair: [f32; 2]) -> Option<(Vec3, u32)> {
+    pub(crate) fn aim(&self, tracer: &Tracer, number: f32, pair: [f32; 2]) -> Option<(Vec3, u32)> {
         let (primitive, _) = self.tree.sample(&self.point, number)?;
         let [u, v] = point_on_triangle(pair);
         let [a, b, c] = tracer.triangle(primitive);
@@ -45,7 +45,7 @@ impl Reflectors<'_> {
 
     /// Returns the probability density, per steradian, with which [`Self::aim`] samples the
     /// direction of a point on a triangle `distance` metres away; 0 if that is not a reflector.
-    pub(super) fn density(
+    pub(crate) fn density(
         &self,
         tracer: &Tracer,
         direction: Vec3,
@@ -63,7 +63,7 @@ impl Reflectors<'_> {
 
 impl Lighting {
     /// Returns the reflectors as seen from a point, if there are any.
-    pub(super) fn reflectors(&self, point: &LitPoint) -> Option<Reflectors<'_>> {
+    pub(crate) fn reflectors(&self, point: &LitPoint) -> Option<Reflectors<'_>> {
         (!self.reflectors.is_empty()).then_some(Reflectors {
             tree: &self.reflectors,
             point: *point,

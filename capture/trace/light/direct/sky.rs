@@ -6,9 +6,9 @@
 //! neither a small bright spot nor a wide dim area causes noise. A gradient sky is sampled by the
 //! path's rays alone.
 
-use super::guide::Directions;
-use super::{LightSample, Lighting, LitPoint};
 use crate::bvh::{Ray, Tracer};
+use crate::light::guiding::guide::Directions;
+use crate::light::{LightSample, Lighting, LitPoint};
 use glam::Vec3;
 use headbox_scene::scene::{Sky, SkyPicture};
 use std::f32::consts::PI;
@@ -22,7 +22,7 @@ impl Lighting {
     }
 
     /// Estimates radiosity per albedo by a direction sampled from the sky image.
-    pub(super) fn sky_light(
+    pub(crate) fn sky_light(
         &self,
         tracer: &Tracer,
         point: &LitPoint,
@@ -49,7 +49,7 @@ impl Lighting {
     }
 
     /// Estimates radiosity per albedo by a path's ray that missed all surfaces.
-    pub(super) fn sky_light_from_miss(
+    pub(crate) fn sky_light_from_miss(
         &self,
         tracer: &Tracer,
         point: &LitPoint,

@@ -6,17 +6,17 @@
 //! rays), however close the lit point is, where points alone would be rare and thousands of times
 //! too bright.
 
-use super::guide::Directions;
 use super::light_tree::{Leaf, LightTree};
-use super::{LightSample, Lighting, LitPoint};
 use crate::bvh::{Hit, Ray, Tracer};
+use crate::light::guiding::guide::Directions;
+use crate::light::{LightSample, Lighting, LitPoint};
 use glam::Vec3;
 use headbox_core::color::luminance;
 use headbox_scene::scene::Surface;
 use std::f32::consts::PI;
 
 /// Builds the light tree of a scene's emissive triangles; the lights' ids are triangle indices.
-pub(super) fn emitter_tree(tracer: &Tracer) -> LightTree {
+pub(crate) fn emitter_tree(tracer: &Tracer) -> LightTree {
     let scene = tracer.scene();
     let leaf = |primitive: u32| {
         let material = &scene.materials[scene.triangles[primitive as usize].material as usize];
@@ -37,7 +37,7 @@ pub(super) fn emitter_tree(tracer: &Tracer) -> LightTree {
 
 /// Maps two numbers in [0, 1) to barycentric coordinates that are uniform on a triangle: folds the
 /// far half of the square back (no square root needed).
-pub(super) fn point_on_triangle([s, t]: [f32; 2]) -> [f32; 2] {
+pub(crate) fn point_on_triangle([s, t]: [f32; 2]) -> [f32; 2] {
     if s + t > 1.0 {
         [1.0 - s, 1.0 - t]
     } else {
@@ -46,7 +46,7 @@ pub(super) fn point_on_triangle([s, t]: [f32; 2]) -> [f32; 2] {
 }
 
 /// Returns the area of a triangle, square metres.
-pub(super) fn area([a, b, c]: [Vec3; 3]) -> f32 {
+pub(crate) fn area([a, b, c]: [Vec3; 3]) -> f32 {
     0.5 * (b - a).cross(c - a).length()
 }
 
@@ -54,7 +54,7 @@ impl Lighting {
     /// Samples radiosity per albedo from a point on one emissive triangle, with the balance
     /// heuristic if rays in the `shared` directions sample emitters too
     /// ([`Self::emitter_light_from_hit`]).
-    pub(super) fn emitter_light(
+    pub(crate) fn emitter_light(
         &self,
         tracer: &Tracer,
         point: &LitPoint,
@@ -122,7 +122,7 @@ impl Lighting {
 
     /// Returns radiosity per albedo along a ray that was sampled from `directions` and hit an
     /// emissive triangle; weighted by the balance heuristic.
-    pub(super) fn emitter_light_from_hit(
+    pub(crate) fn emitter_light_from_hit(
         &self,
         tracer: &Tracer,
         point: &LitPoint,

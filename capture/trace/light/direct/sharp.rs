@@ -1,7 +1,7 @@
 //! Light with sharp shadows: the sun and punctual lamps.
 
-use super::{LightSample, Lighting, LitPoint};
 use crate::bvh::{PACKET, Ray, RayPacket, Tracer};
+use crate::light::{LightSample, Lighting, LitPoint};
 use crate::sampler::disk_from_square;
 use glam::{Quat, Vec3};
 use headbox_core::color::luminance;
@@ -10,7 +10,7 @@ use std::f32::consts::PI;
 
 /// Punctual lamp in the tracer's local frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct LocalLamp {
+pub(crate) struct LocalLamp {
     intensity: Vec3,
     /// Unit vector toward a lamp at infinity; position of any other lamp, metres.
     position: Vec3,
@@ -18,7 +18,7 @@ pub(super) struct LocalLamp {
 }
 
 /// Converts a scene's lamps to the tracer's local frame.
-pub(super) fn local_lamps(tracer: &Tracer) -> Vec<LocalLamp> {
+pub(crate) fn local_lamps(tracer: &Tracer) -> Vec<LocalLamp> {
     let local = |lamp: &Lamp| {
         let position = match lamp.reach {
             Reach::Distant { direction } => direction,
@@ -124,7 +124,7 @@ impl Lighting {
 
     /// Returns the shadow rays toward the sun and punctual lamps, with the unoccluded contribution
     /// of each.
-    pub(super) fn sharp_rays<'a>(
+    pub(crate) fn sharp_rays<'a>(
         &'a self,
         point: &'a LitPoint,
         sample: &LightSample,
@@ -161,7 +161,7 @@ impl Lighting {
     }
 
     /// Samples radiosity per albedo directly from the sun.
-    pub(super) fn sun_light(
+    pub(crate) fn sun_light(
         &self,
         tracer: &Tracer,
         point: &LitPoint,
@@ -178,7 +178,7 @@ impl Lighting {
 
     /// Samples radiosity per albedo directly from one punctual lamp, chosen in proportion to its
     /// unoccluded contribution.
-    pub(super) fn lamp_light(
+    pub(crate) fn lamp_light(
         &self,
         tracer: &Tracer,
         point: &LitPoint,

@@ -2,7 +2,7 @@
 //! lit point (Conty Estevez and Kulla 2018, "Importance Sampling of Many Lights with Adaptive Tree
 //! Splitting"; emission is two-sided here, so that lights have no cones).
 
-use super::LitPoint;
+use crate::light::LitPoint;
 use glam::Vec3;
 use std::f32::consts::PI;
 
@@ -12,12 +12,12 @@ const MIN_COSINE: f32 = 1e-3;
 
 /// Light to insert into the tree.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Leaf {
+pub(crate) struct Leaf {
     /// Bounding box.
-    pub(super) bounds: [Vec3; 2],
-    pub(super) power: f32,
+    pub(crate) bounds: [Vec3; 2],
+    pub(crate) power: f32,
     /// Identifier chosen by the caller.
-    pub(super) id: u32,
+    pub(crate) id: u32,
 }
 
 /// Maximum number of children of a node.
@@ -47,7 +47,7 @@ enum NodeChild {
 
 /// Tree of all lights of a scene.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(super) struct LightTree {
+pub(crate) struct LightTree {
     /// Nodes, parents before children.
     nodes: Vec<LightNode>,
     /// Identifier of each light and its index in the order of the tree, sorted by identifier.
@@ -55,7 +55,7 @@ pub(super) struct LightTree {
 }
 
 impl LightTree {
-    pub(super) fn new(mut leaves: Vec<Leaf>) -> Self {
+    pub(crate) fn new(mut leaves: Vec<Leaf>) -> Self {
         let mut tree = Self::default();
         if !leaves.is_empty() {
             tree.push(&mut leaves, 0);
@@ -85,13 +85,13 @@ impl LightTree {
         number as u32
     }
 
-    pub(super) fn is_empty(&self) -> bool {
+    pub(crate) fn is_empty(&self) -> bool {
         self.nodes.is_empty()
     }
 
     /// Returns an upper bound, up to the bounds of groups, of the radiosity per albedo by which the
     /// lights light a box: twice their power over pi times the squared distance, unobstructed.
-    pub(super) fn light_bound(&self, [low, high]: [Vec3; 2]) -> f32 {
+    pub(crate) fn light_bound(&self, [low, high]: [Vec3; 2]) -> f32 {
         let middle = low + (high - low) / 2.0;
         let radius = (high - low).length() / 2.0;
         let mut waiting = vec![0];
@@ -113,7 +113,7 @@ impl LightTree {
 
     /// Samples a light from a number in [0, 1): returns its identifier and its probability, or
     /// `None` if the tree is empty.
-    pub(super) fn sample(&self, point: &LitPoint, mut number: f32) -> Option<(u32, f32)> {
+    pub(crate) fn sample(&self, point: &LitPoint, mut number: f32) -> Option<(u32, f32)> {
         let mut index = 0;
         let mut probability = 1.0;
         loop {
@@ -145,7 +145,7 @@ impl LightTree {
 
     /// Returns the probability with which [`Self::sample`] samples a light; 0 if there is no such
     /// light.
-    pub(super) fn probability(&self, point: &LitPoint, id: u32) -> f32 {
+    pub(crate) fn probability(&self, point: &LitPoint, id: u32) -> f32 {
         let Ok(position) = self.order.binary_search_by_key(&id, |&(id, _)| id) else {
             return 0.0;
         };

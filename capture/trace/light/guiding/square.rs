@@ -36,7 +36,7 @@ fn invert_cdf(cumulative: &[f32; BINS], value: f32) -> (usize, f32) {
 
 impl SquareDensity {
     /// Creates a density proportional to `weights`, row by row, none of them zero.
-    pub(super) fn new(weights: &[f32; BINS * BINS]) -> Self {
+    pub(crate) fn new(weights: &[f32; BINS * BINS]) -> Self {
         let (mut rows, mut columns) = ([0.0; BINS], [[0.0; BINS]; BINS]);
         let mut all = 0.0;
         for (row, weights) in weights.chunks_exact(BINS).enumerate() {
@@ -61,7 +61,7 @@ impl SquareDensity {
     }
 
     /// Returns the density at a point.
-    pub(super) fn density(&self, [x, y]: [f32; 2]) -> f32 {
+    pub(crate) fn density(&self, [x, y]: [f32; 2]) -> f32 {
         let row = bin(y);
         share(&self.rows, row) * share(&self.columns[row], bin(x)) * (BINS * BINS) as f32
     }
