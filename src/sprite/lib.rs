@@ -38,7 +38,7 @@ pub use crate::model::set::{SpriteInfo, SpriteSet};
 pub use crate::warp::layer::SpriteLayer;
 pub(crate) use crate::warp::layer::unpremultiply;
 pub use crate::warp::render::{PreparedSprite, RenderOptions, SpriteRenderer, SpriteVariant};
-pub use crate::warp::sampling::SpriteSampling;
+pub use crate::warp::second_pass::sampling::SpriteSampling;
 pub use crate::warp::transfer::{Outcome, SpriteTransfer};
 pub use error::SpriteError;
 pub use headbox_images::DepthPicture;
@@ -47,9 +47,9 @@ pub use headbox_images::DepthPicture;
 pub mod rules {
     pub use crate::warp::cell::STEEPEST;
     pub use crate::warp::field::SMOOTHING_ROUNDS;
-    pub use crate::warp::forward::MAGNIFIED;
-    pub use crate::warp::planes::LEAST_STRETCH;
-    pub use crate::warp::pure_parallax::NEAREST_DEPTH_SHARE;
+    pub use crate::warp::first_pass::forward::MAGNIFIED;
+    pub use crate::warp::first_pass::planes::LEAST_STRETCH;
+    pub use crate::warp::first_pass::pure_parallax::NEAREST_DEPTH_SHARE;
     pub use crate::warp::transfer::EDGE_ON;
 }
 

@@ -2,7 +2,7 @@
 //! instead of a displacement.
 
 use crate::warp::field::Field;
-use crate::warp::pure_parallax::NEAREST_DEPTH_SHARE;
+use crate::warp::first_pass::pure_parallax::NEAREST_DEPTH_SHARE;
 use crate::warp::transfer::SpriteTransfer;
 use rayon::prelude::*;
 

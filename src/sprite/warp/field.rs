@@ -1,7 +1,7 @@
 //! Grid of displacements: a sprite's own, or the output of the first pass.
 
 use super::cell::Coding;
-use super::patches::{Patches, UnpackedField};
+use super::first_pass::patches::{Patches, UnpackedField};
 use crate::{Displacement, DisplacementFormat, Sprite};
 use image::RgbaImage;
 use rayon::prelude::*;

@@ -1,10 +1,10 @@
 //! Rendering of a sprite for a camera, by any of the paper's variants.
 
-use super::backward::{BackwardPlan, Parallax, backward};
 use super::field::Field;
-use super::forward::{BandBuffers, forward};
-use super::pure_parallax::{FirstPass, StoredValue};
-use super::sampling::SpriteSampling;
+use super::first_pass::forward::{BandBuffers, forward};
+use super::first_pass::pure_parallax::{FirstPass, StoredValue};
+use super::second_pass::backward::{BackwardPlan, Parallax, backward};
+use super::second_pass::sampling::SpriteSampling;
 use super::splat::splat;
 use super::transfer::{Outcome, SpriteTransfer};
 use crate::model::shift::ShiftField;

@@ -4,7 +4,7 @@
 
 use super::cell::VISIBLE;
 use super::field::Field;
-use super::sampling::SpriteSampling;
+use super::second_pass::sampling::SpriteSampling;
 use super::transfer::SpriteTransfer;
 use crate::model::texture::Texture;
 use glam::dvec3;

@@ -26,17 +26,17 @@ pub enum SpriteSampling {
 /// the fetches.
 pub(super) const BLOCK: usize = 128;
 /// Number of pixels in a vector.
-pub(super) const LANES: usize = 16;
+pub(crate) const LANES: usize = 16;
 
 /// Lane numbers of a vector.
-pub(super) const LANE_NUMBERS: [f32; LANES] = [
+pub(crate) const LANE_NUMBERS: [f32; LANES] = [
     0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0,
 ];
 
 /// Addresses, weights and texels of a block. Aligned to cache lines: a vector across two of them
 /// costs twice as much.
 #[repr(align(64))]
-pub(super) struct Footprints {
+pub(crate) struct Footprints {
     /// Index of the top left texel.
     offsets: [u32; BLOCK],
     /// Weights of the two upper texels, 16 bits each, the left one low.
@@ -49,7 +49,7 @@ pub(super) struct Footprints {
 }
 
 impl Footprints {
-    pub(super) fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self {
             offsets: [0; BLOCK],
             upper: [0; BLOCK],
@@ -73,7 +73,7 @@ pub(super) struct TexelMap {
 impl TexelMap {
     /// Creates the map of positions relative to the whole pixel `anchor` of level 0.
     #[inline(always)]
-    pub(super) fn new(texture: &Texture, level: usize, anchor: [f64; 2]) -> Self {
+    pub(crate) fn new(texture: &Texture, level: usize, anchor: [f64; 2]) -> Self {
         let level = level.min(texture.levels.len() - 1);
         let scale = 1.0 / f64::from(1u32 << level);
         let (x, y) = (anchor[0] * scale - 0.5, anchor[1] * scale - 0.5);
@@ -164,7 +164,7 @@ const fn repeat_in_blocks(indices: [u8; 16]) -> [u8; 64] {
 const TRANSPOSE: [u8; 64] =
     repeat_in_blocks([0, 4, 8, 12, 1, 5, 9, 13, 2, 6, 10, 14, 3, 7, 11, 15]);
 /// The k-th of four 32-bit numbers, repeated four times.
-pub(super) const COPIES: [[u8; 64]; 4] = [
+pub(crate) const COPIES: [[u8; 64]; 4] = [
     repeat_in_blocks([0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3]),
     repeat_in_blocks([4, 5, 6, 7, 4, 5, 6, 7, 4, 5, 6, 7, 4, 5, 6, 7]),
     repeat_in_blocks([8, 9, 10, 11, 8, 9, 10, 11, 8, 9, 10, 11, 8, 9, 10, 11]),
@@ -176,7 +176,7 @@ pub(super) const COPIES: [[u8; 64]; 4] = [
 /// Fetches and mixes the first `count` pixels of a block into `out`; `count` is a multiple of
 /// [`LANES`].
 #[inline(always)]
-pub(super) fn sample<S: Simd, const NEAREST: bool>(
+pub(crate) fn sample<S: Simd, const NEAREST: bool>(
     simd: S,
     texture: &Texture,
     footprints: &mut Footprints,

@@ -1,9 +1,9 @@
 //! Pure parallax in displacement cells, for the first pass: where displacements move, and how the
 //! result is packed (Eq. 6, C5).
 
-use super::cell::Coding;
-use super::field::Field;
-use super::transfer::SpriteTransfer;
+use crate::warp::cell::Coding;
+use crate::warp::field::Field;
+use crate::warp::transfer::SpriteTransfer;
 
 /// Smallest drawn depth of a surface point from the target eye, as a share of its plane's depth:
 /// nearer points would be magnified beyond use, and at 0 they are behind the eye.
@@ -11,7 +11,7 @@ pub const NEAREST_DEPTH_SHARE: f32 = 1.0 / 16.0;
 
 /// Value that the first pass stores.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum StoredValue {
+pub(crate) enum StoredValue {
     /// d1 / w3: correct if the second pass divides its first term by its third component (C5).
     Corrected,
     /// d1, as in equations (7) and (8) as printed.
@@ -20,7 +20,7 @@ pub(super) enum StoredValue {
 
 /// Parameters of the first pass.
 #[derive(Clone, Copy)]
-pub(super) struct FirstPass {
+pub(crate) struct FirstPass {
     /// The size of a cell in pixels.
     pub cell_px: [f64; 2],
     pub stored: StoredValue,
@@ -30,14 +30,14 @@ pub(super) struct FirstPass {
 
 /// Pure parallax in units of displacement cells.
 pub(super) struct PureParallax {
-    pub(super) epipole: [f32; 3],
-    pub(super) stored: StoredValue,
+    pub(crate) epipole: [f32; 3],
+    pub(crate) stored: StoredValue,
     /// Offset from a column (row) of the source grid to that of the output.
-    pub(super) origin: [f32; 2],
-    pub(super) width: f32,
-    pub(super) height: f32,
+    pub(crate) origin: [f32; 2],
+    pub(crate) width: f32,
+    pub(crate) height: f32,
     /// Largest distance of a displacement from its patch's plane.
-    pub(super) tolerance: f32,
+    pub(crate) tolerance: f32,
     pub(super) source_coding: Coding,
     pub(super) encoding: Encoding,
 }
@@ -45,7 +45,7 @@ pub(super) struct PureParallax {
 impl PureParallax {
     /// Prepares a pass; also returns the range of displacements in front of the target eye. Sets
     /// origin, size and coding of `out`.
-    pub(super) fn new(
+    pub(crate) fn new(
         source: &Field,
         transfer: &SpriteTransfer,
         pass: FirstPass,
@@ -144,11 +144,11 @@ fn reachable_cells(length: u32, range: [f32; 2], epipole: f32, epipole_z: f32) -
 
 /// A band of output rows, written by one thread.
 pub(super) struct CellBand<'a> {
-    pub(super) cells: &'a mut [u32],
+    pub(crate) cells: &'a mut [u32],
     /// Number of its first row in the output.
-    pub(super) first: i32,
+    pub(crate) first: i32,
     /// Number of rows.
-    pub(super) rows: i32,
+    pub(crate) rows: i32,
     /// Number of columns.
-    pub(super) width: i32,
+    pub(crate) width: i32,
 }

@@ -2,7 +2,7 @@
 
 use super::patches::{GROUP, PatchGroup};
 use super::pure_parallax::{CellBand, Encoding, NEAREST_DEPTH_SHARE, PureParallax, StoredValue};
-use super::sampling::LANE_NUMBERS;
+use crate::warp::second_pass::sampling::LANE_NUMBERS;
 use fearless_simd::{Simd, f32x16, i32x16, prelude::*, u32x16};
 
 /// Bounding boxes of a group of patches in the output, and their linear quantities: value at the
@@ -24,7 +24,7 @@ pub(super) struct Setups {
 }
 
 impl Setups {
-    pub(super) fn new() -> Self {
+    pub(crate) fn new() -> Self {
         let linear = [[0.0; GROUP]; 3];
         Self {
             boxes: [[0; GROUP]; 4],

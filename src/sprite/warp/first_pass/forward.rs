@@ -5,22 +5,22 @@
 //! ([`super::planes`]); all other cells move one by one. There are no more bands of rows than
 //! threads, since neighbouring bands draw the same tiles (docs/decisions/0044).
 
-use super::cell::{Coding, VISIBLE, slopes};
-use super::field::Field;
-use super::fill::{GapBuffers, fill};
 use super::patches::{BLOCK_SIDE, GROUP, PatchGroup, TILE};
 use super::planes::{Setups, draw_patch, set_up, slope_units};
 use super::pure_parallax::{
     CellBand, Encoding, FirstPass, NEAREST_DEPTH_SHARE, PureParallax, StoredValue, move_position,
 };
-use super::sampling::COPIES;
-use super::transfer::SpriteTransfer;
+use crate::warp::cell::{Coding, VISIBLE, slopes};
+use crate::warp::field::Field;
+use crate::warp::fill::{GapBuffers, fill};
+use crate::warp::second_pass::sampling::COPIES;
+use crate::warp::transfer::SpriteTransfer;
 use fearless_simd::{Level, Simd, dispatch, f32x16, i32x16, prelude::*, u8x64, u32x4, u32x16};
 use rayon::prelude::*;
 
 /// Buffers of a band of rows, reused from frame to frame.
 #[derive(Clone, Debug, Default)]
-pub(super) struct BandBuffers {
+pub(crate) struct BandBuffers {
     /// The band's rows, and the rows around it that gap filling reads.
     cells: Vec<u32>,
     gaps: GapBuffers,
@@ -32,7 +32,7 @@ pub(super) struct BandBuffers {
 /// The result does not depend on the number of threads. Gap filling reads as many rows up and down
 /// as it takes steps: a band draws these too, in its own memory, so that no thread waits for
 /// another in between.
-pub(super) fn forward(
+pub(crate) fn forward(
     level: Level,
     source: &Field,
     transfer: &SpriteTransfer,

@@ -3,7 +3,7 @@
 //! maps planes to planes exactly, so the only error is that of the fit, and a magnified plane has
 //! no gaps.
 
-use super::cell::VISIBLE;
+use crate::warp::cell::VISIBLE;
 
 /// Number of patches that are set up together.
 pub(super) const GROUP: usize = 16;
@@ -37,7 +37,7 @@ pub(crate) struct PatchGroup {
 }
 
 impl PatchGroup {
-    pub(super) const EMPTY: Self = Self {
+    pub(crate) const EMPTY: Self = Self {
         x: [0.0; GROUP],
         y: [0.0; GROUP],
         d: [0.0; GROUP],
@@ -66,7 +66,7 @@ pub(crate) struct Patches {
 }
 
 /// A field before it is packed.
-pub(super) struct UnpackedField<'a> {
+pub(crate) struct UnpackedField<'a> {
     pub width: u32,
     pub height: u32,
     pub values: &'a [f32],
@@ -77,7 +77,7 @@ pub(super) struct UnpackedField<'a> {
 impl Patches {
     /// Divides a field into patches. `step` is the quantisation step of the stored displacements (0
     /// if they are fine); an eighth of it is below their rounding error.
-    pub(super) fn new(surface: &UnpackedField, step: f32) -> Self {
+    pub(crate) fn new(surface: &UnpackedField, step: f32) -> Self {
         let largest = surface
             .values
             .iter()

@@ -1,19 +1,19 @@
 //! Second pass: one visit of each output pixel (Eq. 7, 8; corrected by C5), for all variants that
 //! sample backward.
 
-use super::cell::Coding;
-use super::field::Field;
 use super::sampling::{BLOCK, Footprints, LANE_NUMBERS, LANES, TexelMap, address, sample};
-use super::transfer::SpriteTransfer;
 use crate::model::shift::ShiftField;
 use crate::model::texture::Texture;
+use crate::warp::cell::Coding;
+use crate::warp::field::Field;
+use crate::warp::transfer::SpriteTransfer;
 use fearless_simd::{Level, Simd, dispatch, f32x16, i32x16, mask32x16, prelude::*, u32x16};
 use glam::{DVec3, dvec3};
 use rayon::prelude::*;
 
 /// Mapping from positions on the plane to positions in the texture.
 #[derive(Clone, Copy)]
-pub(super) enum Parallax<'a> {
+pub(crate) enum Parallax<'a> {
     /// Identity: homography only (Eq. 3).
     None,
     /// By a displacement: `(x3, y3, 1) + d3 e21` (Eq. 8 with C5).
@@ -27,7 +27,7 @@ pub(super) enum Parallax<'a> {
 }
 
 /// Inputs of a frame.
-pub(super) struct BackwardPlan<'a> {
+pub(crate) struct BackwardPlan<'a> {
     pub texture: &'a Texture,
     pub transfer: &'a SpriteTransfer,
     /// Size of a displacement cell in pixels of the image.
@@ -69,7 +69,7 @@ impl<'a> Cells<'a> {
 }
 
 /// Draws every pixel of a frame of `width` columns.
-pub(super) fn backward(
+pub(crate) fn backward(
     level: Level,
     plan: &BackwardPlan,
     nearest: bool,
