@@ -161,7 +161,7 @@ impl Ray<'_> {
     /// `shift` columns and rows from it.
     fn neighbours(&self, crossing: DVec3, shift: [i32; 2]) -> Vec<Neighbour> {
         let grid = self.lumigraph.grid();
-        let least = f64::from(crate::render::rays::LEAST_WEIGHT);
+        let least = f64::from(crate::render::lanes::rays::LEAST_WEIGHT);
         let sides = |places: &[f64], position: f64, shift: i32| {
             let last_cell = places.len() as i32 - 2;
             let cell = places.iter().filter(|place| **place <= position).count() as i32 - 1;

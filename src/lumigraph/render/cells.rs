@@ -8,9 +8,9 @@
 //! diagonally: then a single lookup covers every rectangle that begins in the square and is not
 //! larger.
 
+use super::lanes::taps::LANES;
 use super::layer_in_view::LayerInView;
 use super::pyramid::{Level, Pyramid};
-use super::taps::LANES;
 use fearless_simd::{Simd, f32x16, i32x16, prelude::*, u32x16};
 use rayon::prelude::*;
 use std::ops::RangeInclusive;
@@ -240,7 +240,7 @@ fn unite_with_next<'a>(
 
 /// Bundle of rays between the same four cameras.
 #[derive(Clone, Copy)]
-pub(super) struct Bundle {
+pub(crate) struct Bundle {
     /// Smallest and largest slope, to the right and up.
     pub(super) slopes: [[f32; 2]; 2],
     /// Low and high camera positions along the columns and along the rows, metres.

@@ -7,9 +7,9 @@
 
 use super::cells::Batch;
 use super::kernel::{FrameBlock, HIDDEN, Pass};
+use super::lanes::taps::LANES;
 use super::merge::Merger;
 use super::plan::{LumigraphPlan, SEARCH_RADIUS};
-use super::taps::LANES;
 use crate::Lumigraph;
 use crate::render::kernel;
 use crate::settings::{LumigraphSettings, LumigraphStats};

@@ -12,11 +12,11 @@
 //! that all give the same bits.
 
 use super::cells::Batch;
+use super::lanes::pending::Pending;
+use super::lanes::rays::{Rays, TILE, inside};
+use super::lanes::taps::{LANES, nearest};
 use super::layer_in_view::LayerInView;
-use super::pending::Pending;
 use super::plan::{LumigraphPlan, Step, cell};
-use super::rays::{Rays, TILE, inside};
-use super::taps::{LANES, nearest};
 use crate::Lumigraph;
 use crate::grid::LEAST_FORWARD;
 use crate::settings::Blend;

@@ -20,7 +20,7 @@ pub(crate) struct MergedLayer {
 /// Mapping of a merged layer in a frame: the texel of a ray with slopes (a, b) in the image of a
 /// camera at (s, t) is `(scale * a + add.x - shift * s, -scale * b + add.y + shift * t)`.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct LayerInView {
+pub(crate) struct LayerInView {
     pub(super) scale: f32,
     pub(super) add: [f32; 2],
     pub(super) shift: f32,

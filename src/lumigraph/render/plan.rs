@@ -2,10 +2,10 @@
 //! (L8, L10; C20).
 
 use super::cells::{Batch, Bundle, Cells};
+use super::lanes::taps::LANES;
 use super::layer_in_view::{LayerInView, MergedLayer};
 use super::merge::Merger;
 use super::show::{LumigraphOverlay, depth_color, palette_color};
-use super::taps::LANES;
 use crate::Lumigraph;
 use crate::bounds::ErrorBound;
 use crate::grid::PlaneView;
@@ -167,7 +167,7 @@ impl Paint {
 }
 
 /// State shared by all blocks of a frame.
-pub(super) struct LumigraphPlan {
+pub(crate) struct LumigraphPlan {
     pub(super) view: PlaneView,
     /// From near to far.
     pub(super) layers: Vec<LayerInView>,

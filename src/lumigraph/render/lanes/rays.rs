@@ -1,15 +1,15 @@
 //! Rays of sixteen pixels: slopes, the four cameras around each, and texel positions in their
 //! images (L9, C21).
 
-use super::cells::Bundle;
-use super::layer_in_view::LayerInView;
-use super::plan::{LumigraphPlan, cell};
-use super::pyramid::Level;
 use super::taps::LANES;
+use crate::render::cells::Bundle;
+use crate::render::layer_in_view::LayerInView;
+use crate::render::plan::{LumigraphPlan, cell};
+use crate::render::pyramid::Level;
 use fearless_simd::{Simd, f32x16, mask32x16, prelude::*, u32x16};
 
 /// Edge of the square tile of pixels that is drawn at once: few layers are visible in one.
-pub(super) const TILE: usize = 4;
+pub(crate) const TILE: usize = 4;
 
 /// Lanes of a tile's corners.
 const CORNERS: [usize; 4] = [0, TILE - 1, LANES - TILE, LANES - 1];
@@ -94,23 +94,23 @@ fn find_sides<S: Simd>(simd: S, cameras: &[f32], position: f32x16<S>, shift: i32
 }
 
 /// Rays of sixteen pixels.
-pub(super) struct Rays<S: Simd> {
+pub(crate) struct Rays<S: Simd> {
     slopes: [f32x16<S>; 2],
     across: Sides<S>,
     up: Sides<S>,
     /// Weights of the four cameras: low and high column of the low row, then of the high row.
-    pub(super) weight: [f32x16<S>; 4],
+    pub(crate) weight: [f32x16<S>; 4],
     /// Index of the first texel of each camera.
-    pub(super) base: [u32x16<S>; 4],
+    pub(crate) base: [u32x16<S>; 4],
     /// Bundle of the rays; `None` if they lie in different cells.
-    pub(super) bundle: Option<Bundle>,
+    pub(crate) bundle: Option<Bundle>,
 }
 
 impl<S: Simd> Rays<S> {
     /// Creates rays from slopes, with the cameras of the cell at `shift` from each ray's own.
     /// `stride` is the number of texels of a camera.
     #[inline(always)]
-    pub(super) fn new(
+    pub(crate) fn new(
         simd: S,
         plan: &LumigraphPlan,
         stride: usize,
@@ -150,7 +150,7 @@ impl<S: Simd> Rays<S> {
 
     /// Returns the texel positions of a layer in the images of the four cameras.
     #[inline(always)]
-    pub(super) fn texel_positions(&self, layer: &LayerInView) -> TexelPositions<S> {
+    pub(crate) fn texel_positions(&self, layer: &LayerInView) -> TexelPositions<S> {
         let u = self.slopes[0] * layer.scale + layer.add[0];
         let v = self.slopes[1] * -layer.scale + layer.add[1];
         TexelPositions {
@@ -188,21 +188,21 @@ fn bundle<S: Simd>(
 
 /// Texel positions in four cameras: u for the low and the high column, v for the low and the high
 /// row.
-pub(super) struct TexelPositions<S: Simd> {
-    pub(super) u: [f32x16<S>; 2],
-    pub(super) v: [f32x16<S>; 2],
+pub(crate) struct TexelPositions<S: Simd> {
+    pub(crate) u: [f32x16<S>; 2],
+    pub(crate) v: [f32x16<S>; 2],
 }
 
 impl<S: Simd> TexelPositions<S> {
     /// Returns the position in the `k`-th camera, in the order of [`Rays::weight`].
     #[inline(always)]
-    pub(super) fn in_camera(&self, k: usize) -> [f32x16<S>; 2] {
+    pub(crate) fn in_camera(&self, k: usize) -> [f32x16<S>; 2] {
         [self.u[k % 2], self.v[k / 2]]
     }
 }
 
 /// Returns a mask of the positions inside an image.
 #[inline(always)]
-pub(super) fn inside<S: Simd>(level: Level, [u, v]: [f32x16<S>; 2]) -> mask32x16<S> {
+pub(crate) fn inside<S: Simd>(level: Level, [u, v]: [f32x16<S>; 2]) -> mask32x16<S> {
     u.simd_ge(0.0) & v.simd_ge(0.0) & u.simd_lt(level.width as f32) & v.simd_lt(level.height as f32)
 }

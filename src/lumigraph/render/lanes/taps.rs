@@ -1,17 +1,17 @@
 //! Texture lookups of sixteen rays at once: nearest layer index, and bilinear colours over the
 //! texels of a layer (C21).
 
-use super::pyramid::{Level, Texel};
+use crate::render::pyramid::{Level, Texel};
 use fearless_simd::{ExtractToken, Simd, f32x16, i32x16, mask32x16, prelude::*, u32x4, u32x16};
 use headbox_core::image::texels::gather_wide_quads;
 
 /// Number of pixels per vector.
-pub(super) const LANES: usize = 16;
+pub(crate) const LANES: usize = 16;
 
 /// Returns the layer indices of the nearest texels of a level, at positions `inside` the image; a
 /// camera's texels start at `base`.
 #[inline(always)]
-pub(super) fn nearest<S: Simd>(
+pub(crate) fn nearest<S: Simd>(
     simd: S,
     texels: &[Texel],
     level: Level,
@@ -48,7 +48,7 @@ pub(super) fn nearest<S: Simd>(
 /// Adds colour times weight, and weight, of those of the four texels around a position whose layer
 /// lies between the two `indices`.
 #[inline(always)]
-pub(super) fn add_taps<S: Simd>(
+pub(crate) fn add_taps<S: Simd>(
     simd: S,
     texels: &[Texel],
     level: Level,

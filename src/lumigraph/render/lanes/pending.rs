@@ -1,15 +1,15 @@
 //! Pending hits: pixels of a tile that hit different layers are blended together (L9, C21).
 
-use super::plan::Paint;
-use super::pyramid::{Level, Pyramid};
 use super::rays::{Rays, TexelPositions};
-use super::show::LumigraphOverlay;
 use super::taps::{LANES, add_taps, nearest};
+use crate::render::plan::Paint;
+use crate::render::pyramid::{Level, Pyramid};
+use crate::render::show::LumigraphOverlay;
 use fearless_simd::{Simd, f32x16, i32x16, mask32x16, prelude::*, u32x16};
 
 /// At most one hit for each of sixteen rays, all at one level of detail, with its positions in the
 /// cameras' images.
-pub(super) struct Pending<S: Simd> {
+pub(crate) struct Pending<S: Simd> {
     /// Rays with a pending hit.
     occupied: mask32x16<S>,
     level: Level,
@@ -25,7 +25,7 @@ pub(super) struct Pending<S: Simd> {
 
 impl<S: Simd> Pending<S> {
     #[inline(always)]
-    pub(super) fn new(simd: S, level: Level) -> Self {
+    pub(crate) fn new(simd: S, level: Level) -> Self {
         let zero = f32x16::splat(simd, 0.0);
         Self {
             occupied: mask32x16::from_bitmask(simd, 0),
@@ -40,13 +40,13 @@ impl<S: Simd> Pending<S> {
 
     /// Returns true if `rays` can be added: no lane is occupied and the level matches.
     #[inline(always)]
-    pub(super) fn has_room(&self, rays: mask32x16<S>, level: Level) -> bool {
+    pub(crate) fn has_room(&self, rays: mask32x16<S>, level: Level) -> bool {
         !(self.occupied & rays).any_true() && (self.level == level || !self.occupied.any_true())
     }
 
     /// Adds hits, for which there must be room, with the weights of the cameras that see the layer.
     #[inline(always)]
-    pub(super) fn add(
+    pub(crate) fn add(
         &mut self,
         rays: mask32x16<S>,
         level: Level,
@@ -86,7 +86,7 @@ impl<S: Simd> Pending<S> {
 
     /// Blends the pending hits into `color` and clears them.
     #[inline(always)]
-    pub(super) fn blend(
+    pub(crate) fn blend(
         &mut self,
         simd: S,
         pyramid: &Pyramid,
