@@ -2,9 +2,9 @@
 //! neighbours, then refinement in finer images.
 
 use super::DenseDepthError;
-use super::hypotheses::{Chequerboard, Hypothesis};
+use super::matching::hypotheses::{Chequerboard, Hypothesis};
+use super::matching::picture::MatchView;
 use super::neighbors::{self, Candidate};
-use super::picture::MatchView;
 use super::pipeline::{Pipeline, ROUNDS, create_matcher, run_rounds};
 use crate::ImagesError;
 use glam::DVec3;

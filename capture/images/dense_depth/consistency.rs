@@ -1,7 +1,7 @@
 //! Consistency filter: depths that other views confirm.
 
-use super::hypotheses::Hypothesis;
-use super::patch_match::NeighborView;
+use super::matching::hypotheses::Hypothesis;
+use super::matching::patch_match::NeighborView;
 
 /// A view confirms a depth if its own depth leads back to within this number of pixels and differs
 /// by no more than this ratio.

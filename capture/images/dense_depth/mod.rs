@@ -1,40 +1,36 @@
 //! Dense multi-view stereo: depth of photographs with known cameras (E3).
 //!
 //! The paper matches pairs of images along epipolar lines and links disparities over a rig's views,
-//! without further detail. Here each view's pixels get planes (`hypotheses`), first by a plane
-//! sweep in a small image (`coarse`), then by PatchMatch in ever finer ones (`patch_match`),
-//! compared by zero-mean normalised cross-correlation (`zncc`) with the most suitable views
-//! (`neighbors`). Then all views are refined again with the depth of the others as a constraint
-//! (`pipeline`), and depths that too few of them confirm are discarded (`consistency`). `store`
-//! keeps the result next to the images; `agreement` compares it with known depth.
+//! without further detail. Here each view's pixels get planes, first by a plane sweep in a small
+//! image (`coarse`), then by PatchMatch in ever finer ones (`matching`), compared by zero-mean
+//! normalised cross-correlation with the most suitable views (`neighbors`). Then all views are
+//! refined again with the depth of the others as a constraint (`pipeline`), and depths that too few
+//! of them confirm are discarded (`consistency`). `store` keeps the result next to the images;
+//! `agreement` compares it with known depth.
 //!
 //! The result is a function of the images and of hashes: it is equal to the bit on any number of
-//! threads and at every SIMD level. Images are loaded again when needed (`picture`) and the planes
+//! threads and at every SIMD level. Images are loaded again when needed and the planes
 //! of all views lie in an unnamed temporary file (`storage`), so that memory does not grow with the
 //! set.
 
 mod agreement;
 mod coarse;
 mod consistency;
-mod hypotheses;
+mod matching;
 mod neighbors;
-mod patch_match;
-mod picture;
 mod pipeline;
-mod relative;
 mod search_counts;
 mod storage;
 mod store;
 #[cfg(test)]
 mod tests;
-mod zncc;
 
 pub use agreement::{Agreement, TOLERANCES};
 pub use search_counts::SearchCounts;
 pub(super) use store::attach;
 
 use super::{ImageSet, ImagesError, LoadedView, Pinhole, View};
-use patch_match::MAX_NEIGHBORS;
+use matching::patch_match::MAX_NEIGHBORS;
 use pipeline::{JOINT_PASSES, Pipeline};
 use std::path::{Path, PathBuf};
 use store::DepthStore;

@@ -1,7 +1,7 @@
 //! Selection of the neighbours for a view's depth, and the range of depths to search.
 
-use super::patch_match::{MAX_NEIGHBORS, required_matches};
-use super::relative::{LevelCamera, Relative};
+use super::matching::patch_match::{MAX_NEIGHBORS, required_matches};
+use super::matching::relative::{LevelCamera, Relative};
 use glam::DVec3;
 
 /// Best triangulation angle, radians: smaller angles give little parallax, larger ones different

@@ -1,14 +1,16 @@
 //! Stereo pipeline of a set: passes over all views, with their planes in a temporary file.
 
 use super::consistency::{Confirmation, confirm, remove_specks};
-use super::hypotheses::{Chequerboard, Hypothesis};
+use super::matching::hypotheses::{Chequerboard, Hypothesis};
+use super::matching::patch_match::{
+    KnownDepths, MAX_NEIGHBORS, Matcher, NeighborView, Perturbation,
+};
+use super::matching::picture::{Grey, MatchView};
+use super::matching::relative::{LevelCamera, Relative};
+use super::matching::zncc::Patch;
 use super::neighbors::Candidate;
-use super::patch_match::{KnownDepths, MAX_NEIGHBORS, Matcher, NeighborView, Perturbation};
-use super::picture::{Grey, MatchView};
-use super::relative::{LevelCamera, Relative};
 use super::search_counts::SearchCounts;
 use super::storage::{Spool, ViewCache};
-use super::zncc::Patch;
 use super::{DenseDepth, DenseDepthError, EstimatedDepth};
 use crate::{ImagesError, LoadedView, Pinhole, View, backdrop};
 use headbox_core::simd;

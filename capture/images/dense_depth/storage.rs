@@ -1,8 +1,8 @@
 //! Storage beyond memory: an LRU cache of images, and an unnamed temporary file with the planes of
 //! all views.
 
-use super::hypotheses::Hypothesis;
-use super::picture::MatchView;
+use super::matching::hypotheses::Hypothesis;
+use super::matching::picture::MatchView;
 use crate::ImagesError;
 use headbox_core::lru::LruCache;
 use std::fs::File;

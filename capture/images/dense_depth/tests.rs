@@ -1,10 +1,10 @@
 //! Kernel against an `f64` oracle, the whole pipeline on an analytic scene, and invalid input.
 
 use super::consistency::remove_specks;
-use super::hypotheses::{Chequerboard, Hypothesis};
-use super::picture::MatchView;
-use super::relative::Relative;
-use super::zncc::{NEAR_PX, NOISE, OFFSETS, Patch, SAMPLES, SIMILAR_LEVELS, WORST};
+use super::matching::hypotheses::{Chequerboard, Hypothesis};
+use super::matching::picture::MatchView;
+use super::matching::relative::Relative;
+use super::matching::zncc::{NEAR_PX, NOISE, OFFSETS, Patch, SAMPLES, SIMILAR_LEVELS, WORST};
 use super::*;
 use crate::readers::test_set::photographs;
 use crate::{Distortion, ImageSetOptions, Lens, Pose};

@@ -4,19 +4,19 @@
 /// Plane hypothesis of a pixel: the inverse depth of every plane in space is affine in the pixel.
 #[derive(Clone, Copy, Debug, Default, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
-pub(super) struct Hypothesis {
+pub(crate) struct Hypothesis {
     /// 1/eye depth at the pixel's centre, 1/m; 0 where unknown.
-    pub(super) inverse_depth: f32,
+    pub(crate) inverse_depth: f32,
     /// Change of inverse depth per pixel to the right and down.
-    pub(super) slopes: [f32; 2],
+    pub(crate) slopes: [f32; 2],
     /// Matching cost: 0 to [`super::zncc::WORST`], plus a penalty for inconsistency.
-    pub(super) cost: f32,
+    pub(crate) cost: f32,
 }
 
 impl Hypothesis {
     /// Returns the same plane at another pixel, `dx` to the right and `dy` down.
     #[inline(always)]
-    pub(super) fn shifted(&self, dx: f32, dy: f32) -> Self {
+    pub(crate) fn shifted(&self, dx: f32, dy: f32) -> Self {
         let inverse_depth = self.inverse_depth + self.slopes[0] * dx + self.slopes[1] * dy;
         Self {
             inverse_depth,
@@ -27,16 +27,16 @@ impl Hypothesis {
 
 /// Hypotheses of an image.
 #[derive(Clone, Debug)]
-pub(super) struct Chequerboard {
-    pub(super) width: usize,
-    pub(super) height: usize,
+pub(crate) struct Chequerboard {
+    pub(crate) width: usize,
+    pub(crate) height: usize,
     /// Squares whose column and row have an even sum, and the others. Row-major, with rows of
     /// [`Self::stride`].
-    pub(super) halves: [Vec<Hypothesis>; 2],
+    pub(crate) halves: [Vec<Hypothesis>; 2],
 }
 
 impl Chequerboard {
-    pub(super) fn new(width: usize, height: usize) -> Self {
+    pub(crate) fn new(width: usize, height: usize) -> Self {
         let half = vec![Hypothesis::default(); width.div_ceil(2) * height];
         Self {
             width,
@@ -46,7 +46,7 @@ impl Chequerboard {
     }
 
     /// Returns the length of a row of one colour.
-    pub(super) fn stride(&self) -> usize {
+    pub(crate) fn stride(&self) -> usize {
         self.width.div_ceil(2)
     }
 
@@ -56,17 +56,17 @@ impl Chequerboard {
         (colour + y) % 2
     }
 
-    pub(super) fn get(&self, x: usize, y: usize) -> &Hypothesis {
+    pub(crate) fn get(&self, x: usize, y: usize) -> &Hypothesis {
         &self.halves[(x + y) % 2][y * self.stride() + x / 2]
     }
 
-    pub(super) fn get_mut(&mut self, x: usize, y: usize) -> &mut Hypothesis {
+    pub(crate) fn get_mut(&mut self, x: usize, y: usize) -> &mut Hypothesis {
         let index = y * self.stride() + x / 2;
         &mut self.halves[(x + y) % 2][index]
     }
 
     /// Returns the same planes in an image of twice the resolution.
-    pub(super) fn doubled(&self, width: usize, height: usize) -> Self {
+    pub(crate) fn doubled(&self, width: usize, height: usize) -> Self {
         let mut fine = Self::new(width, height);
         for y in 0..height {
             for x in 0..width {
@@ -85,14 +85,14 @@ impl Chequerboard {
     }
 
     /// Returns all hypotheses, row by row.
-    pub(super) fn rows(&self) -> Vec<Hypothesis> {
+    pub(crate) fn rows(&self) -> Vec<Hypothesis> {
         (0..self.height)
             .flat_map(|y| (0..self.width).map(move |x| *self.get(x, y)))
             .collect()
     }
 
     /// Creates a board from all hypotheses, row by row.
-    pub(super) fn from_rows(width: usize, height: usize, rows: &[Hypothesis]) -> Self {
+    pub(crate) fn from_rows(width: usize, height: usize, rows: &[Hypothesis]) -> Self {
         let mut board = Self::new(width, height);
         for (i, hypothesis) in rows.iter().enumerate() {
             *board.get_mut(i % width, i / width) = *hypothesis;

@@ -17,7 +17,7 @@ use rayon::prelude::*;
 use std::sync::Arc;
 
 /// Maximum number of neighbouring views.
-pub(super) const MAX_NEIGHBORS: usize = 8;
+pub(crate) const MAX_NEIGHBORS: usize = 8;
 
 /// Maximum slope of a plane: metres of depth per metre across.
 const MAX_PLANE_SLOPE: f32 = 4.0;
@@ -27,43 +27,43 @@ const INCONSISTENCY_COST: f32 = 0.2;
 const MAX_RETURN_PX: f32 = 3.0;
 
 /// A neighbouring view.
-pub(super) struct NeighborView<'a> {
-    pub(super) relative: Relative,
-    pub(super) picture: &'a Grey,
+pub(crate) struct NeighborView<'a> {
+    pub(crate) relative: Relative,
+    pub(crate) picture: &'a Grey,
     /// Its depths, if they are estimated already.
-    pub(super) known: Option<KnownDepths>,
+    pub(crate) known: Option<KnownDepths>,
 }
 
 /// Inverse depths of a neighbouring view, row by row, 0 where unknown, and the warp back.
-pub(super) struct KnownDepths {
-    pub(super) inverse_depths: Arc<Vec<f32>>,
-    pub(super) back: Relative,
+pub(crate) struct KnownDepths {
+    pub(crate) inverse_depths: Arc<Vec<f32>>,
+    pub(crate) back: Relative,
 }
 
 /// Matcher of an image with its neighbours.
-pub(super) struct Matcher<'a> {
-    pub(super) picture: &'a Grey,
-    pub(super) focal_px: f32,
+pub(crate) struct Matcher<'a> {
+    pub(crate) picture: &'a Grey,
+    pub(crate) focal_px: f32,
     /// Neighbouring views, at most [`MAX_NEIGHBORS`].
-    pub(super) others: Vec<NeighborView<'a>>,
+    pub(crate) others: Vec<NeighborView<'a>>,
     /// Smallest and largest inverse depth, 1/m.
-    pub(super) range: [f32; 2],
+    pub(crate) range: [f32; 2],
     /// Seed of random numbers.
-    pub(super) seed: u64,
-    pub(super) level: Level,
+    pub(crate) seed: u64,
+    pub(crate) level: Level,
 }
 
 /// Range of random perturbations of the best plane.
 #[derive(Clone, Copy)]
-pub(super) struct Perturbation {
+pub(crate) struct Perturbation {
     /// Maximum motion in a neighbouring image, pixels.
-    pub(super) motion_px: f32,
+    pub(crate) motion_px: f32,
     /// Maximum change of slope: metres of depth per metre across.
-    pub(super) slope: f32,
+    pub(crate) slope: f32,
     /// True if planes from the whole range are tried as well.
-    pub(super) anywhere: bool,
+    pub(crate) anywhere: bool,
     /// Index of the round, part of the random seed.
-    pub(super) round: u64,
+    pub(crate) round: u64,
 }
 
 /// Operation on half of the pixels.
@@ -79,17 +79,17 @@ enum Pass {
 
 impl Matcher<'_> {
     /// Selects the best of `steps` fronto-parallel planes for each pixel: a plane sweep.
-    pub(super) fn sweep(&self, board: &mut Chequerboard, steps: u32) {
+    pub(crate) fn sweep(&self, board: &mut Chequerboard, steps: u32) {
         self.run(board, Pass::Sweep(steps));
     }
 
     /// Computes the costs of the current planes.
-    pub(super) fn evaluate(&self, board: &mut Chequerboard) {
+    pub(crate) fn evaluate(&self, board: &mut Chequerboard) {
         self.run(board, Pass::Evaluate);
     }
 
     /// Runs one round over both halves.
-    pub(super) fn improve(&self, board: &mut Chequerboard, perturbation: Perturbation) {
+    pub(crate) fn improve(&self, board: &mut Chequerboard, perturbation: Perturbation) {
         self.run(board, Pass::Improve(perturbation));
     }
 
@@ -348,7 +348,7 @@ impl Hypothesis {
 }
 
 /// Returns the number of neighbours that must match, out of `others`.
-pub(super) fn required_matches(others: usize) -> usize {
+pub(crate) fn required_matches(others: usize) -> usize {
     others.div_ceil(2).min(3)
 }
 

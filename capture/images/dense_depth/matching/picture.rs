@@ -7,14 +7,14 @@ use std::iter::successors;
 
 /// Grey image with the four texels of each bilinear lookup packed together.
 #[derive(Clone, Debug)]
-pub(super) struct Grey {
-    pub(super) width: usize,
-    pub(super) height: usize,
+pub(crate) struct Grey {
+    pub(crate) width: usize,
+    pub(crate) height: usize,
     /// Four levels for each pixel, one byte each from the lowest: its own, that of the pixel to the
     /// right, below, and diagonally below. Clamped at the borders.
     pub(super) quads: Vec<u32>,
     /// True for background pixels: masked out or part of a dark backdrop.
-    pub(super) background: Vec<bool>,
+    pub(crate) background: Vec<bool>,
 }
 
 impl Grey {
@@ -44,7 +44,7 @@ impl Grey {
 
     /// Returns the level of a pixel, clamped at the borders.
     #[inline(always)]
-    pub(super) fn level(&self, x: i32, y: i32) -> u8 {
+    pub(crate) fn level(&self, x: i32, y: i32) -> u8 {
         let x = x.clamp(0, self.width as i32 - 1) as usize;
         let y = y.clamp(0, self.height as i32 - 1) as usize;
         self.quads[y * self.width + x] as u8
@@ -71,7 +71,7 @@ fn halved(finer: &MipLevel<GreyPixel>) -> MipLevel<GreyPixel> {
 
 /// Image pyramid and camera of a view.
 #[derive(Clone, Debug)]
-pub(super) struct MatchView {
+pub(crate) struct MatchView {
     pose: Pose,
     /// Lens of the full-size image.
     lens: Pinhole,
@@ -83,7 +83,7 @@ pub(super) struct MatchView {
 impl MatchView {
     /// Builds the pyramid, from a longer side of at most `longest_px` down to a shorter side of at
     /// least `coarsest_px`; `None` for a panorama.
-    pub(super) fn new(
+    pub(crate) fn new(
         view: &LoadedView,
         background: Vec<bool>,
         longest_px: u32,
@@ -124,28 +124,28 @@ impl MatchView {
     }
 
     /// Returns the number of levels; 0 is the finest.
-    pub(super) fn levels(&self) -> usize {
+    pub(crate) fn levels(&self) -> usize {
         self.levels.len()
     }
 
     /// Returns the image of a level, or the coarsest beyond.
-    pub(super) fn level(&self, level: usize) -> &Grey {
+    pub(crate) fn level(&self, level: usize) -> &Grey {
         &self.levels[level.min(self.levels.len() - 1)]
     }
 
     /// Returns the camera of a level.
-    pub(super) fn camera(&self, level: usize) -> LevelCamera {
+    pub(crate) fn camera(&self, level: usize) -> LevelCamera {
         let level = level.min(self.levels.len() - 1);
         LevelCamera::new(self.lens, self.pose, level as u32 + self.shift)
     }
 
     /// Returns the reduction factor of the finest level.
-    pub(super) fn reduced(&self) -> u32 {
+    pub(crate) fn reduced(&self) -> u32 {
         1 << self.shift
     }
 
     /// Returns the memory use, bytes.
-    pub(super) fn bytes(&self) -> usize {
+    pub(crate) fn bytes(&self) -> usize {
         self.levels.iter().map(|level| level.quads.len() * 5).sum()
     }
 }

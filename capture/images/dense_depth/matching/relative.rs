@@ -5,16 +5,16 @@ use glam::{DVec3, Vec3};
 
 /// Camera of an image level.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct LevelCamera {
+pub(crate) struct LevelCamera {
     /// Focal lengths and principal point, pixels of the level.
-    pub(super) focal_px: [f64; 2],
-    pub(super) principal_px: [f64; 2],
-    pub(super) pose: Pose,
+    pub(crate) focal_px: [f64; 2],
+    pub(crate) principal_px: [f64; 2],
+    pub(crate) pose: Pose,
 }
 
 impl LevelCamera {
     /// Creates the camera of an image that is halved `shift` times.
-    pub(super) fn new(lens: Pinhole, pose: Pose, shift: u32) -> Self {
+    pub(crate) fn new(lens: Pinhole, pose: Pose, shift: u32) -> Self {
         let scale = 0.5f64.powi(shift as i32);
         let [focal_px, principal_px] =
             [lens.focal_px, lens.principal_px].map(|pair| pair.map(|c| c * scale));
@@ -26,7 +26,7 @@ impl LevelCamera {
     }
 
     /// Returns the ray in eye space through a position in pixels, at eye depth 1.
-    pub(super) fn ray(&self, x: f64, y: f64) -> DVec3 {
+    pub(crate) fn ray(&self, x: f64, y: f64) -> DVec3 {
         let [cx, cy] = self.principal_px;
         DVec3::new(
             (x - cx) / self.focal_px[0],
@@ -49,7 +49,7 @@ impl LevelCamera {
 /// Warp from one camera to another in homogeneous coordinates (x w, y w, w), with w the other's eye
 /// depth times this one's inverse depth.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Relative {
+pub(crate) struct Relative {
     /// Projection of the image's upper left corner at infinity.
     start: Vec3,
     /// Change per pixel to the right.
@@ -62,17 +62,17 @@ pub(super) struct Relative {
 
 /// Projection of a plane into another camera, affine in the pixel.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct WarpedPlane {
+pub(crate) struct WarpedPlane {
     /// Projection (x w, y w, w) of the pixel.
-    pub(super) center: Vec3,
+    pub(crate) center: Vec3,
     /// Changes per pixel to the right and down on the plane.
-    pub(super) right: Vec3,
-    pub(super) down: Vec3,
+    pub(crate) right: Vec3,
+    pub(crate) down: Vec3,
 }
 
 impl Relative {
     /// Creates the warp between two cameras.
-    pub(super) fn new(from: &LevelCamera, to: &LevelCamera) -> Self {
+    pub(crate) fn new(from: &LevelCamera, to: &LevelCamera) -> Self {
         let turn = to.pose.world_from_eye.transpose() * from.pose.world_from_eye;
         let project = |x: f64, y: f64| to.homogeneous(turn * from.ray(x, y));
         let start = project(0.0, 0.0);
@@ -88,13 +88,13 @@ impl Relative {
 
     /// Warps a position in pixels at an inverse depth, 1/m.
     #[inline(always)]
-    pub(super) fn warp(&self, x: f32, y: f32, inverse_depth: f32) -> Vec3 {
+    pub(crate) fn warp(&self, x: f32, y: f32, inverse_depth: f32) -> Vec3 {
         self.start + self.right * x + self.down * y + self.shift * inverse_depth
     }
 
     /// Warps a plane around a position; `slopes` are its changes of inverse depth per pixel.
     #[inline(always)]
-    pub(super) fn warp_plane(
+    pub(crate) fn warp_plane(
         &self,
         x: f32,
         y: f32,
@@ -110,7 +110,7 @@ impl Relative {
 
     /// Returns the motion of a point in the other image per change of inverse depth, pixels metres.
     #[inline(always)]
-    pub(super) fn motion_px(&self, x: f32, y: f32, inverse_depth: f32) -> f32 {
+    pub(crate) fn motion_px(&self, x: f32, y: f32, inverse_depth: f32) -> f32 {
         let h = self.warp(x, y, inverse_depth);
         if h.z <= 0.0 {
             return 0.0;

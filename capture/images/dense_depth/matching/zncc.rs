@@ -9,24 +9,24 @@ use headbox_core::image::texels;
 use std::sync::LazyLock;
 
 /// Number of pixels of a patch: six by six, every other one, without the corners.
-pub(super) const SAMPLES: usize = 32;
+pub(crate) const SAMPLES: usize = 32;
 
 /// Number of samples per SIMD vector.
 const LANES: usize = 16;
 
 /// Offsets of the samples from the central pixel, right and down.
-pub(super) const OFFSETS: [[f32; SAMPLES]; 2] = offsets();
+pub(crate) const OFFSETS: [[f32; SAMPLES]; 2] = offsets();
 
 /// Maximum cost, also of patches that cannot be compared.
-pub(super) const WORST: f32 = 2.0;
+pub(crate) const WORST: f32 = 2.0;
 
 /// Variance of levels attributed to noise: patches with hardly more variance match poorly.
-pub(super) const NOISE: f32 = 2.0;
+pub(crate) const NOISE: f32 = 2.0;
 
 /// Standard deviations of the Gaussian weights: difference from the central level, and distance in
 /// pixels.
-pub(super) const SIMILAR_LEVELS: f64 = 18.0;
-pub(super) const NEAR_PX: f64 = 5.0;
+pub(crate) const SIMILAR_LEVELS: f64 = 18.0;
+pub(crate) const NEAR_PX: f64 = 5.0;
 
 const fn offsets() -> [[f32; SAMPLES]; 2] {
     let mut offsets = [[0.0; SAMPLES]; 2];
@@ -62,7 +62,7 @@ static FALLOFF: LazyLock<Falloff> = LazyLock::new(|| {
 });
 
 /// Patch of the image whose depth is estimated.
-pub(super) struct Patch {
+pub(crate) struct Patch {
     /// Weights of the samples, normalised to a sum of 1.
     weights: [f32; SAMPLES],
     /// Weight times level.
@@ -72,7 +72,7 @@ pub(super) struct Patch {
 }
 
 impl Patch {
-    pub(super) fn new(picture: &Grey, x: usize, y: usize) -> Self {
+    pub(crate) fn new(picture: &Grey, x: usize, y: usize) -> Self {
         let falloff = &*FALLOFF;
         let x = x as i32;
         let y = y as i32;
@@ -107,13 +107,13 @@ impl Patch {
     }
 
     /// Returns true if the patch has more contrast than noise.
-    pub(super) fn has_texture(&self) -> bool {
+    pub(crate) fn has_texture(&self) -> bool {
         self.variance > NOISE
     }
 
     /// Returns 1 minus the correlation with the warped patch in another image, 0 to [`WORST`].
     #[inline(always)]
-    pub(super) fn cost<S: Simd>(&self, simd: S, plane: &WarpedPlane, other: &Grey) -> f32 {
+    pub(crate) fn cost<S: Simd>(&self, simd: S, plane: &WarpedPlane, other: &Grey) -> f32 {
         let px = plane.center.x / plane.center.z;
         let py = plane.center.y / plane.center.z;
         // False for NaN.
