@@ -1,6 +1,7 @@
 //! Per-frame visibility and homographies of plane textures.
 
-use crate::pack::{Plane, PlaneSet, PlaneTile, mips};
+use crate::pack::plane_textures::mips;
+use crate::pack::{Plane, PlaneSet, PlaneTile};
 use crate::render::setup::clip;
 use glam::{DMat3, DVec3};
 use headbox_core::camera::Camera;

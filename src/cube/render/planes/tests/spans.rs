@@ -1,6 +1,7 @@
 //! Spans of plane textures against rays through pixel centres.
 
-use crate::pack::{Plane, PlaneSet, PlaneTile, mips};
+use crate::pack::plane_textures::mips;
+use crate::pack::{Plane, PlaneSet, PlaneTile};
 use crate::render::planes::plan::{LEAST_AREA_PX, OVERLAP, PlanesInView, W_NEAR};
 use glam::DVec3;
 use headbox_core::camera::Camera;

@@ -185,7 +185,7 @@ impl SplatIndexLayout {
 
 /// Encoder of consecutive samples: it caches the code of the last normal, as neighbours mostly have
 /// equal normals.
-pub(super) struct SplatCoder {
+pub(crate) struct SplatCoder {
     layout: SplatIndexLayout,
     range: DepthCodeRange,
     /// The bits of the last normal and its code; `None` for the layout in which the code also
@@ -194,7 +194,7 @@ pub(super) struct SplatCoder {
 }
 
 impl SplatCoder {
-    pub(super) fn new(layout: SplatIndexLayout, range: DepthCodeRange) -> Self {
+    pub(crate) fn new(layout: SplatIndexLayout, range: DepthCodeRange) -> Self {
         Self {
             layout,
             range,
@@ -204,7 +204,7 @@ impl SplatCoder {
 
     /// Encodes a sample with this normal in the face frame; `toward` is the unit vector from the
     /// centre to the sample, in the face frame.
-    pub(super) fn encode(&mut self, normal_in_face: DVec3, toward: DVec3, eye_depth: f64) -> u32 {
+    pub(crate) fn encode(&mut self, normal_in_face: DVec3, toward: DVec3, eye_depth: f64) -> u32 {
         let bits = normal_in_face.to_array().map(f64::to_bits); // The angles of -0 and 0 differ.
         let index = match self.last {
             Some((last, index)) if last == bits => index,

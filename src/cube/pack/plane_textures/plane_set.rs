@@ -2,7 +2,7 @@
 
 use super::mips::{Filter, LazyMips, Mip};
 use super::planes::{Plane, PlaneTile};
-use crate::pack::mips;
+use crate::pack::plane_textures::mips;
 use rayon::prelude::*;
 
 /// All plane textures of a cube.
@@ -84,7 +84,7 @@ fn mip_size(tile: &PlaneTile, level: usize) -> [usize; 2] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::pack::mips::{LEVELS, halvings, side};
+    use crate::pack::plane_textures::mips::{LEVELS, halvings, side};
     use bytemuck::Zeroable;
 
     /// Creates a set of one opaque tile.

@@ -1,10 +1,10 @@
 //! Decoding of packed depth pixels.
 
-use super::blocks::BlockIndex;
-use super::layout::{CubeLdi, PackedSegment};
 use super::packed_depth_pixel::{INVERSE_DEPTH_CODE_MAX, PackedDepthPixel, SplatIndexLayout};
 use super::splat_index::DepthCodeRange;
 use crate::model::samples::{CubeSamples, DepthPixel, EncodedNormal, LayeredDepthImage};
+use crate::pack::blocks::BlockIndex;
+use crate::pack::layout::{CubeLdi, PackedSegment};
 use glam::DVec3;
 use headbox_core::cube_face::Face;
 
@@ -69,7 +69,7 @@ impl PackedSegment {
     }
 
     /// Computes the content of [`Self::blocks`].
-    pub(super) fn block_index(&self) -> BlockIndex {
+    pub(crate) fn block_index(&self) -> BlockIndex {
         BlockIndex::new([self.x0, self.y0], [self.width, self.height], |y| {
             self.row(y)
         })

@@ -16,14 +16,14 @@ pub(crate) const LEVELS: usize = 6;
 
 /// One level of all plane textures of a set.
 #[derive(Debug)]
-pub(super) struct Mip {
+pub(crate) struct Mip {
     /// First texel of each texture, and the end.
     starts: Vec<usize>,
     texels: Vec<[u8; 4]>,
 }
 
 impl Mip {
-    pub(super) fn new(textures: Vec<Vec<[u8; 4]>>) -> Self {
+    pub(crate) fn new(textures: Vec<Vec<[u8; 4]>>) -> Self {
         let mut mip = Self {
             starts: vec![0],
             texels: Vec::new(),
@@ -36,7 +36,7 @@ impl Mip {
     }
 
     /// Returns the texels of a texture; empty if there is none.
-    pub(super) fn texture(&self, index: usize) -> &[[u8; 4]] {
+    pub(crate) fn texture(&self, index: usize) -> &[[u8; 4]] {
         self.starts
             .get(index..index + 2)
             .and_then(|ends| self.texels.get(ends[0]..ends[1]))
@@ -52,7 +52,7 @@ impl LazyMips {
     /// Returns a level from 1 on, and computes it if it is missing. Concurrent callers may compute
     /// it twice: waiting could deadlock, as a pool thread that computes it in parallel may steal a
     /// task that needs it too.
-    pub(super) fn level(&self, level: usize, compute: impl FnOnce() -> Mip) -> &Mip {
+    pub(crate) fn level(&self, level: usize, compute: impl FnOnce() -> Mip) -> &Mip {
         let slot = &self.0[(level - 1).min(LEVELS - 1)];
         if let Some(mip) = slot.get() {
             return mip;
@@ -93,7 +93,7 @@ pub(super) struct Filter {
     /// Weights at distance 0, 1 and 2.
     weights: [i32; 3],
     /// Decimation: one of `step` texels remains. Also the number of levels back to the source.
-    pub(super) step: usize,
+    pub(crate) step: usize,
 }
 
 const SMOOTH: Filter = Filter {
@@ -119,7 +119,7 @@ impl Filter {
 
     /// Filters a texture of `width` x `height` texels to `columns` x `rows`; empty if the source
     /// has the wrong number of texels.
-    pub(super) fn apply(
+    pub(crate) fn apply(
         &self,
         source: &[[u8; 4]],
         [width, height]: [usize; 2],

@@ -1,9 +1,9 @@
 //! Unquantised depth pixels, to measure the error and the speed of packing.
 
-use super::layout::{CubeLdi, PackedSegment};
 use super::packed_depth_pixel::SplatIndexLayout;
-use super::{PackError, PackedDepthPixel, Split};
 use crate::model::samples::{CubeSamples, DepthPixel, LayeredDepthImage};
+use crate::pack::layout::{CubeLdi, PackedSegment};
+use crate::pack::{PackError, PackedDepthPixel, Split};
 
 /// A depth pixel in 24 bytes instead of 8.
 #[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
