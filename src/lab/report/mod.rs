@@ -13,17 +13,11 @@ pub mod subject;
 
 pub mod captures;
 pub mod contender;
-mod contender_list;
-mod wall;
 
 pub mod measurement;
+mod page;
 pub mod rival;
 pub mod row;
 pub mod truth_samples;
 
-mod brief;
-pub mod figures;
-mod format;
-pub mod promises;
-pub mod results;
-pub mod summary;
+pub use page::{figures, promises, results, summary};

@@ -1,6 +1,6 @@
 //! Frame times of the LDI against Embree's primary rays, measured in turns at each eye.
 
-use super::contender_list::DefaultCapture;
+use super::contender::contender_list::DefaultCapture;
 use super::subject::{ReportError, Subject};
 use crate::embree::{Embree, PROGRAM};
 use crate::plan::{EyeSet, Plan};

@@ -1,10 +1,10 @@
 //! One scene of a report: contenders, measurement, truth, rows and facts.
 
-use super::contender_list::{ContenderList, DefaultCapture};
+use super::contender::contender_list::{ContenderList, DefaultCapture};
+use super::contender::wall::Wall;
 use super::row::{EyeRecord, Row, SceneFacts};
 use super::subject::{ReportError, Subject};
 use super::truth_samples::trace_truths;
-use super::wall::Wall;
 use super::{measurement, rival};
 use crate::plan::{Eye, Plan};
 use crate::stats::{mean, mse_from_psnr, pooled_psnr_db};

@@ -1,9 +1,10 @@
 //! Contenders of a report: anything that turns a camera into an image.
 //!
 //! A representation in the registry of views is included automatically ([`ViewDraw`]). To compare
-//! more than its variants, implement [`Draw`] and push a [`Contender`] in `report::contender_list`.
+//! more than its variants, implement [`Draw`] and push a [`Contender`] in `contender_list`.
 
 mod baked;
+pub(super) mod contender_list;
 mod ldi;
 mod lumigraph;
 mod points;
@@ -11,6 +12,7 @@ mod raster;
 mod sprites;
 mod traced;
 mod view;
+pub(super) mod wall;
 mod warp_only;
 
 pub use baked::{BakedLight, BakedRays};

@@ -3,9 +3,9 @@
 use super::brief::brief;
 use super::figures::short;
 use super::format::{bytes, list, ms, times};
-use super::rival::KernelTime;
-use super::row::{Report, Row, SceneFacts, chosen, smallest};
-use super::wall::CURVE;
+use crate::report::contender::wall::CURVE;
+use crate::report::rival::KernelTime;
+use crate::report::row::{Report, Row, SceneFacts, chosen, smallest};
 use crate::stats::pareto_front;
 use std::fmt::Write;
 

@@ -1,17 +1,17 @@
 //! Creation of all contenders of a scene.
 
-use super::captures::{
-    Captures, DEFAULT, PRIMITIVES, REPACKED, TimedCapture, pack, pack_planes, quantised,
-};
-use super::contender::{
+use super::wall::{WALL, Wall};
+use super::{
     BakedLight, BakedRays, Contender, CubeMapDraw, Draw, ExactDraw, FragmentDraw, LdiDraw,
     OracleDraw, PathTraced, PointCloud, RasterDraw, Role, SpriteDraw, ViewDraw, WarpArithmetic,
     WarpOnly,
 };
-use super::subject::{ReportError, Subject};
-use super::wall::{WALL, Wall};
 use crate::cube_map::CubeMap;
 use crate::plan::{EyeSet, Place, Plan};
+use crate::report::captures::{
+    Captures, DEFAULT, PRIMITIVES, REPACKED, TimedCapture, pack, pack_planes, quantised,
+};
+use crate::report::subject::{ReportError, Subject};
 use headbox_core::camera::Camera;
 use headbox_core::progress::{Progress, Silent};
 use headbox_cube::model::samples::CubeSamples;
@@ -29,10 +29,10 @@ use std::sync::{Arc, PoisonError};
 use std::time::Instant;
 
 /// Group of clipping: the whole frame is warped by one thread, as in the papers.
-pub(super) const CLIPPING: &str = "clipping (one band, 1 thread)";
+pub(crate) const CLIPPING: &str = "clipping (one band, 1 thread)";
 
 /// Group of the sprite variants with nearest sampling.
-pub(super) const NEAREST_SPRITES: &str = "sprites, nearest sampling";
+pub(crate) const NEAREST_SPRITES: &str = "sprites, nearest sampling";
 
 /// Group of the divisions of a frame among threads.
 const PARALLEL: &str = "threads share a frame by";
@@ -40,7 +40,7 @@ const PARALLEL: &str = "threads share a frame by";
 /// Group of the formats of depth pixels.
 const PACKING: &str = "depth pixel";
 /// Group of the formats of depth pixels with a cheaper footprint, where memory matters more.
-pub(super) const OPAQUE_PACKING: &str = "depth pixel, opaque rectangles";
+pub(crate) const OPAQUE_PACKING: &str = "depth pixel, opaque rectangles";
 /// Name of the default format of depth pixels.
 const PACKED: &str = "8 bytes, 11 bits of normal";
 
@@ -48,25 +48,25 @@ const PACKED: &str = "8 bytes, 11 bits of normal";
 pub(super) const WITH_PLANES: &str = "LDI, what is flat on planes";
 
 /// The packed default capture.
-pub(super) struct DefaultCapture {
+pub(crate) struct DefaultCapture {
     /// Cube without plane textures, used by most groups; or the given cube.
-    pub(super) cube: Arc<CubeLdi>,
+    pub(crate) cube: Arc<CubeLdi>,
     /// Cube with plane textures, `None` for a given cube.
-    pub(super) with_planes: Option<Arc<CubeLdi>>,
+    pub(crate) with_planes: Option<Arc<CubeLdi>>,
 }
 
 /// List of the contenders of a scene.
-pub(super) struct ContenderList<'a> {
+pub(crate) struct ContenderList<'a> {
     subject: &'a Subject,
     plan: &'a Plan,
     wall: Option<Wall>,
-    pub(super) all: Arc<ThreadPool>,
+    pub(crate) all: Arc<ThreadPool>,
     one: Arc<ThreadPool>,
-    pub(super) contenders: Vec<Contender>,
+    pub(crate) contenders: Vec<Contender>,
 }
 
 impl<'a> ContenderList<'a> {
-    pub(super) fn new(
+    pub(crate) fn new(
         subject: &'a Subject,
         plan: &'a Plan,
         wall: Option<Wall>,
@@ -83,7 +83,7 @@ impl<'a> ContenderList<'a> {
     }
 
     /// Adds all contenders that apply to the subject; returns the default capture.
-    pub(super) fn add_all(
+    pub(crate) fn add_all(
         &mut self,
         progress: &dyn Progress,
     ) -> Result<DefaultCapture, ReportError> {

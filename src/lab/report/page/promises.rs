@@ -1,7 +1,7 @@
 //! Claims of the README, tested against the rows of a report.
 
 use super::figures::short;
-use super::row::{Report, Row, SceneFacts};
+use crate::report::row::{Report, Row, SceneFacts};
 use crate::table::{Table, figure};
 
 /// A claim of the README and the measured value that it depends on.

@@ -1,8 +1,8 @@
 //! The charts of a report, made from its rows.
 
-use super::row::{Report, Row};
 use crate::chart::{Axis, Chart, ChartPoint, Series};
 use crate::plan::EyeSet;
+use crate::report::row::{Report, Row};
 use crate::stats::pareto_front;
 
 /// A chart and the name of its file, without extension.

@@ -1,11 +1,11 @@
 //! `docs/results.md`: the short page of a report. Each scene has a chart, a table and three
 //! sentences; the papers' numbers follow. All other rows are in the report's JSON and CSV files.
 
-use super::contender_list::{CLIPPING, NEAREST_SPRITES, OPAQUE_PACKING};
 use super::figures::{short, slugs};
 use super::format::{bytes, ms, times};
 use super::promises;
-use super::row::{Report, Row, SceneFacts, chosen, smallest};
+use crate::report::contender::contender_list::{CLIPPING, NEAREST_SPRITES, OPAQUE_PACKING};
+use crate::report::row::{Report, Row, SceneFacts, chosen, smallest};
 use crate::stats::pareto_front;
 use crate::table::{Table, figure};
 use crate::walk::WalkReport;

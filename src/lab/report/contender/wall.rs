@@ -1,9 +1,9 @@
 //! A wall of lumigraph cameras in the middle of the headbox that look ahead, and eyes around it, at
 //! which lumigraphs, a cube LDI and sprites can be compared.
 
-use super::contender::{Contender, LumigraphDraw, Role};
-use super::subject::{ReportError, Subject};
+use super::{Contender, LumigraphDraw, Role};
 use crate::plan::{Eye, EyeSet, Place, Plan};
+use crate::report::subject::{ReportError, Subject};
 use glam::{DVec2, DVec3};
 use headbox_core::camera::{Camera, CameraError};
 use headbox_core::progress::Progress;
@@ -17,9 +17,9 @@ use std::sync::Arc;
 use std::time::Instant;
 
 /// Group of the representations at a camera wall.
-pub(super) const WALL: &str = "from a wall of cameras";
+pub(crate) const WALL: &str = "from a wall of cameras";
 /// Group of the points of the sampling curve.
-pub(super) const CURVE: &str = "lumigraph's sampling curve (all layers)";
+pub(crate) const CURVE: &str = "lumigraph's sampling curve (all layers)";
 /// Group of the placements of layers.
 const PLACEMENT: &str = "lumigraph's layers, as many as the curve asks for";
 
@@ -33,14 +33,14 @@ const LAYERS: usize = 255;
 const DEFAULT_CAMERAS: usize = 4;
 
 /// A camera wall: intrinsics and orientation of its cameras, and its half-size, metres.
-pub(super) struct Wall {
+pub(crate) struct Wall {
     parts: GridParts,
     half_size_m: f64,
 }
 
 impl Wall {
     /// Creates the wall of a plan's headbox; `None` if no geometry is ahead.
-    pub(super) fn new(subject: &Subject, plan: &Plan) -> Option<Self> {
+    pub(crate) fn new(subject: &Subject, plan: &Plan) -> Option<Self> {
         let world_from_eye = CameraGrid::facing(plan.ahead, DVec3::Y)?;
         let [width, height] = plan.quality.frame_px.map(f64::from);
         let focal_px = height / 2.0 / half(FRAME_FOV_DEG).tan();
@@ -67,7 +67,7 @@ impl Wall {
     ///
     /// # Errors
     /// [`CameraError`] if the frames are empty.
-    pub(super) fn eyes(&self, tracer: &Tracer, plan: &Plan) -> Result<Vec<Eye>, CameraError> {
+    pub(crate) fn eyes(&self, tracer: &Tracer, plan: &Plan) -> Result<Vec<Eye>, CameraError> {
         let (edge, depth) = (2.0 * self.half_size_m, 1.0 / self.parts.convergence);
         // As far back as the wall is visible.
         let behind = [2.0, 1.0, 0.5, 0.25]
@@ -181,7 +181,7 @@ impl Wall {
     }
 
     /// Captures the lumigraphs of the scene; returns them as contenders.
-    pub(super) fn contenders(
+    pub(crate) fn contenders(
         &self,
         subject: &Subject,
         plan: &Plan,

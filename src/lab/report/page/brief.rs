@@ -2,11 +2,11 @@
 
 use super::figures::short;
 use super::format::{bytes, list, ms, times};
-use super::row::{Report, Row, SceneFacts, chosen, smallest};
+use crate::report::row::{Report, Row, SceneFacts, chosen, smallest};
 use std::fmt::Write;
 
 /// Formats the header of the report and five lines of results. Ranges are over the scenes.
-pub(super) fn brief(report: &Report) -> String {
+pub(crate) fn brief(report: &Report) -> String {
     let scenes: Vec<SceneRows> = report
         .scenes
         .iter()
