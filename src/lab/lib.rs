@@ -19,13 +19,10 @@ pub mod chart;
 pub mod cube_map;
 
 pub mod embree;
-pub mod held_out;
-pub mod images;
+mod leave_one_out;
 pub mod machine;
-pub mod photographs;
 pub mod plan;
 pub mod report;
-pub mod sequence;
 pub mod sprite_range;
 pub mod stability;
 pub mod stats;
@@ -33,3 +30,5 @@ pub mod table;
 pub mod truths;
 pub mod turns;
 pub mod walk;
+
+pub use leave_one_out::{held_out, images, photographs, sequence};

@@ -11,9 +11,9 @@ use super::held_out::{
     HOLE, HeldOutComparison, HeldOutFrame, HeldOutRow, HoldOutError, VariantRows, pinhole_camera,
     reproject,
 };
-use super::machine::{Machine, commit};
 use super::photographs::draw_on_plane;
-use super::table::{Table, figure, percent};
+use crate::machine::{Machine, commit};
+use crate::table::{Table, figure, percent};
 use headbox_core::camera::Camera;
 use headbox_core::frame::Frame;
 use headbox_core::statistics::median;

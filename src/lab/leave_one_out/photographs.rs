@@ -14,8 +14,8 @@ use super::held_out::{
     HeldOutComparison, HeldOutFrame, HeldOutRow, HoldOutError, VariantRows, pinhole_camera,
     reproject,
 };
-use super::machine::{Machine, commit};
-use super::table::{Table, figure};
+use crate::machine::{Machine, commit};
+use crate::table::{Table, figure};
 use glam::DVec3;
 use headbox_core::camera::Camera;
 use headbox_core::progress::Progress;
