@@ -5,7 +5,7 @@
 //! [`ImageSet::open`](super::ImageSet::open) looks for it, completely or not at all. COLMAP chooses
 //! the axes and the unit of such a model.
 
-use crate::color_images::read_size;
+use crate::views::color_images::read_size;
 use headbox_core::files::StagingFolder;
 use std::collections::VecDeque;
 use std::fs;

@@ -31,41 +31,35 @@
 
 pub mod align;
 pub mod backdrop;
-mod camera_model;
+mod cameras;
 pub mod check;
-mod color_images;
 pub mod deep_exr;
 pub mod dense_depth;
 pub mod depth;
 mod depth_evidence;
 mod depth_files;
 mod error;
-mod lens;
 pub mod planar_layers;
-mod pose;
 mod readers;
-mod rectify;
 mod refine;
 mod register;
-mod seen_points;
-pub mod traced_view;
-mod view;
-mod view_files;
+mod views;
 
-pub use crate::color_images::{ColorChannels, ColorPicture, read_color};
 pub use crate::readers::colmap::{SparsePoint, read_sparse_points};
 pub use crate::readers::nerfstudio::{SetWriter, write_set};
+pub use crate::views::color_images::{ColorChannels, ColorPicture, read_color};
 pub use align::{AlignError, AlignProgress, AlignStep, Alignment, align};
-pub use camera_model::{CameraModel, Polynomial, Projection};
+pub use cameras::camera_model::{CameraModel, Polynomial, Projection};
+pub use cameras::lens::{Distortion, Lens, Pinhole};
+pub use cameras::pose::Pose;
+pub use cameras::rectify::SourceCamera;
 pub use check::{CheckReport, Residual, check, check_neighbors};
 pub use depth::{AssumedDepth, DepthPicture, DepthSource, write_depth_exr};
 pub use error::ImagesError;
-pub use lens::{Distortion, Lens, Pinhole};
-pub use pose::Pose;
-pub use rectify::SourceCamera;
 pub use refine::{RefinementReport, RefinementStep};
 pub use register::{Registration, RegistrationModel, RegistrationReport, RegistrationStep};
-pub use view::{LoadedView, MAX_DEPTH_M, View};
+pub use views::traced_view;
+pub use views::view::{LoadedView, MAX_DEPTH_M, View};
 
 use crate::readers::paths::resolve;
 use glam::{DMat3, DVec3};
@@ -164,7 +158,7 @@ impl ImageSet {
         let (views, missing): (Vec<View>, Vec<View>) = std::mem::take(&mut self.views)
             .into_iter()
             .partition(|view| view.color.exists());
-        let size = |view: &View| color_images::read_size(&view.color).map(|_| ());
+        let size = |view: &View| views::color_images::read_size(&view.color).map(|_| ());
         let sizes: Vec<Result<(), ImagesError>> = views.par_iter().map(size).collect();
         let mut broken = Vec::new();
         let mut first_error = None;
@@ -207,7 +201,7 @@ impl ImageSet {
         let sizes: Vec<Option<[u32; 2]>> = self
             .views
             .par_iter()
-            .map(|view| color_images::read_size(&view.color).ok())
+            .map(|view| views::color_images::read_size(&view.color).ok())
             .collect();
         let mut resized = Vec::new();
         for (view, size) in self.views.iter_mut().zip(sizes) {
@@ -288,7 +282,7 @@ impl ImageSet {
         let has_turn: Vec<bool> = self.views.par_iter().map(turn).collect();
         let marked = self.views.iter().zip(has_turn).filter(|(_, turn)| *turn);
         let is_turned = |view: &&View| {
-            let size = color_images::read_size(&view.color);
+            let size = views::color_images::read_size(&view.color);
             size.is_ok_and(|size| view.upright_turn(size).is_some())
         };
         let (turned, stored): (Vec<&View>, Vec<&View>) =

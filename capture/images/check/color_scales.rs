@@ -2,8 +2,8 @@
 //! unit, but not the same colours.
 
 use crate::depth_evidence::{FLOAT_FACTORS, INTEGER_FACTORS};
-use crate::seen_points::{SeenPoints, sampling_step};
-use crate::view::LoadedView;
+use crate::views::seen_points::{SeenPoints, sampling_step};
+use crate::views::view::LoadedView;
 use rayon::prelude::*;
 
 /// Number of factors on either side of 1.

@@ -4,10 +4,10 @@ mod color_scales;
 
 use self::color_scales::ColorScales;
 use super::depth_evidence::best_factor;
-use super::view::{LoadedView, MAX_DEPTH_M, View};
+use super::views::view::{LoadedView, MAX_DEPTH_M, View};
 use super::{ImageSet, ImagesError};
 use crate::readers::text;
-use crate::seen_points::{SeenPoints, sampled_pixels};
+use crate::views::seen_points::{SeenPoints, sampled_pixels};
 use headbox_core::statistics::median;
 
 /// Disagreement of two neighbouring views where both have depth.

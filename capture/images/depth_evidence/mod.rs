@@ -8,11 +8,11 @@
 #[cfg(test)]
 mod tests;
 
+use crate::cameras::lens::Lens;
 use crate::depth::{DepthSource, has_proportions};
 use crate::depth_files;
-use crate::lens::Lens;
-use crate::seen_points::{SeenPoints, sampled_pixels, sampling_step};
-use crate::view::{LoadedView, MAX_DEPTH_M, View};
+use crate::views::seen_points::{SeenPoints, sampled_pixels, sampling_step};
+use crate::views::view::{LoadedView, MAX_DEPTH_M, View};
 use crate::{ImageSet, ImagesError};
 use glam::DMat3;
 use headbox_core::depth_kind::DepthKind;

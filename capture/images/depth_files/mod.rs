@@ -88,7 +88,7 @@ pub(crate) fn read_size(path: &Path) -> Result<Option<[u32; 2]>, ImagesError> {
         "npy" => npy::read_size(path).map(Some),
         "bin" => Ok(None),
         "tif" | "tiff" => wide_tiff::read_size(path).map(Some),
-        _ => crate::color_images::read_size(path).map(Some),
+        _ => crate::views::color_images::read_size(path).map(Some),
     }
 }
 

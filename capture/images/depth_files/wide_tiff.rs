@@ -112,7 +112,7 @@ pub(super) fn read(path: &Path) -> Result<Option<StoredDepth>, ImagesError> {
 pub(super) fn read_size(path: &Path) -> Result<[u32; 2], ImagesError> {
     let size = open(path)?.and_then(|mut decoder| decoder.dimensions().ok());
     size.map_or_else(
-        || crate::color_images::read_size(path),
+        || crate::views::color_images::read_size(path),
         |(width, height)| Ok([width, height]),
     )
 }

@@ -2,9 +2,9 @@
 
 use super::text;
 use crate::ImagesError;
-use crate::lens::{Distortion, Pinhole};
-use crate::pose::Pose;
-use crate::view::View;
+use crate::cameras::lens::{Distortion, Pinhole};
+use crate::cameras::pose::Pose;
+use crate::views::view::View;
 use glam::DMat4;
 use headbox_core::files::InputFolder;
 use headbox_core::read_note::ReadNote;

@@ -8,12 +8,12 @@
 //! `_right`, `_bottom`, `_top` (as Seurat's: front -Z, right +X, top +Y) with `NAME_front_depth`
 //! and so on, eye depth.
 
-use crate::color_images::read_size;
+use crate::cameras::lens::{Distortion, Lens, Pinhole};
+use crate::cameras::pose::Pose;
 use crate::depth::{DepthSource, extension};
-use crate::lens::{Distortion, Lens, Pinhole};
-use crate::pose::Pose;
 use crate::readers::text;
-use crate::view::View;
+use crate::views::color_images::read_size;
+use crate::views::view::View;
 use crate::{ImageSet, ImagesError};
 use glam::DVec3;
 use headbox_core::cube_face::Face;

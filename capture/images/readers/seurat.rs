@@ -1,13 +1,13 @@
 //! Reader of Seurat's `manifest.json`: view groups of RGB-D views with projection matrices.
 
 use super::json::{self, JsonObject};
-use crate::color_images::ColorChannels;
+use crate::cameras::lens::{Distortion, Lens, Pinhole};
+use crate::cameras::pose::Pose;
 use crate::depth::DepthSource;
-use crate::lens::{Distortion, Lens, Pinhole};
-use crate::pose::Pose;
 use crate::readers::left_out::LeftOut;
 use crate::readers::text;
-use crate::view::View;
+use crate::views::color_images::ColorChannels;
+use crate::views::view::View;
 use crate::{ImageSet, ImagesError, resolve};
 use glam::{DMat4, DVec3};
 use headbox_core::depth_kind::DepthKind;

@@ -20,7 +20,7 @@ mod solve;
 mod tests;
 mod validate;
 
-use super::pose::mean_difference;
+use super::cameras::pose::mean_difference;
 use super::{ImageSet, ImagesError, Pose};
 use equations::IcpProblem;
 use range::RangeGrid;

@@ -3,7 +3,7 @@
 //! On a plane inverse depth is affine in the image's pixels: the mean over a cell is the value at
 //! the cell's centre to the last digit, with a fraction of a sensor's noise.
 
-use super::super::view::MAX_DEPTH_M;
+use super::super::views::view::MAX_DEPTH_M;
 use super::super::{Lens, LoadedView};
 use glam::DVec3;
 use headbox_core::statistics::median;

@@ -1,6 +1,6 @@
 //! Estimate of the colour cameras: one lens, and extrinsics for each view.
 
-use super::super::pose::mean_difference;
+use super::super::cameras::pose::mean_difference;
 use super::solve::{SHARED_UNKNOWNS, VIEW_UNKNOWNS};
 use super::{Pinhole, Pose, Registration};
 use crate::Distortion;

@@ -1,8 +1,8 @@
 //! Camera models of COLMAP, by name and number, with their parameters.
 
-use crate::camera_model::{CameraModel, Polynomial, Projection};
-use crate::lens::{Distortion, Lens, Pinhole};
-use crate::rectify::ImageLens;
+use crate::cameras::camera_model::{CameraModel, Polynomial, Projection};
+use crate::cameras::lens::{Distortion, Lens, Pinhole};
+use crate::cameras::rectify::ImageLens;
 
 /// Names and parameter counts of COLMAP's camera models by number.
 const MODELS: [(&str, usize); 18] = [

@@ -2,15 +2,15 @@
 //! present.
 
 use super::cameras::{model_of_number, parse_lens};
+use crate::cameras::lens::Lens;
+use crate::cameras::pose::Pose;
+use crate::cameras::rectify::{ImageLens, ViewList};
 use crate::depth::DepthSource;
-use crate::lens::Lens;
-use crate::pose::Pose;
 use crate::readers::byte_reader::ByteReader;
 use crate::readers::left_out::LeftOut;
 use crate::readers::paths::{find_file, resolve_in};
 use crate::readers::text;
-use crate::rectify::{ImageLens, ViewList};
-use crate::view::View;
+use crate::views::view::View;
 use crate::{ImageSet, ImagesError};
 use glam::{DMat3, DQuat, DVec3};
 use headbox_core::depth_kind::DepthKind;

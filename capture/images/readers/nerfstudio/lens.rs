@@ -1,10 +1,10 @@
 //! Lenses of `transforms.json`: the keys of nerfstudio, NeRF and instant-ngp.
 
 use crate::ImagesError;
-use crate::camera_model::{CameraModel, Polynomial, Projection};
-use crate::lens::{Distortion, Lens, Pinhole};
+use crate::cameras::camera_model::{CameraModel, Polynomial, Projection};
+use crate::cameras::lens::{Distortion, Lens, Pinhole};
+use crate::cameras::rectify::ImageLens;
 use crate::readers::json::JsonObject;
-use crate::rectify::ImageLens;
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::f64::consts::PI;

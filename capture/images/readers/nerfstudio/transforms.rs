@@ -2,16 +2,16 @@
 
 use super::depth_keys;
 use super::lens::{KeyOwners, note_unknown_keys, read_lens};
-use crate::color_images::read_camera_size;
+use crate::cameras::lens::Lens;
+use crate::cameras::pose::Pose;
+use crate::cameras::rectify::{ImageLens, ViewList};
 use crate::depth::{DepthPicture, write_depth_exr};
-use crate::lens::Lens;
-use crate::pose::Pose;
 use crate::readers::json::{self as fields, JsonObject};
 use crate::readers::left_out::LeftOut;
 use crate::readers::paths::find_without_extension;
 use crate::readers::text;
-use crate::rectify::{ImageLens, ViewList};
-use crate::view::{LoadedView, View};
+use crate::views::color_images::read_camera_size;
+use crate::views::view::{LoadedView, View};
 use crate::{ImageSet, ImagesError, resolve};
 use glam::{DMat4, DVec3};
 use headbox_core::depth_kind::DepthKind;

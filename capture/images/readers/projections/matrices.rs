@@ -6,11 +6,11 @@
 //! which R is a rotation.
 
 use super::mat5::{self, Array, Value};
-use crate::color_images::read_size;
-use crate::lens::{Distortion, Lens, Pinhole};
-use crate::pose::Pose;
+use crate::cameras::lens::{Distortion, Lens, Pinhole};
+use crate::cameras::pose::Pose;
 use crate::readers::text;
-use crate::view::View;
+use crate::views::color_images::read_size;
+use crate::views::view::View;
 use crate::{ImageSet, ImagesError};
 use glam::{DMat3, DVec3};
 use headbox_core::files::InputFolder;

@@ -1,11 +1,11 @@
 //! Reader of Middlebury's multi-view sets: photographs and `NAME_par.txt`, one line per photograph
 //! with name, K, R and t.
 
-use crate::color_images::read_size;
-use crate::lens::{Distortion, Lens, Pinhole};
-use crate::pose::Pose;
+use crate::cameras::lens::{Distortion, Lens, Pinhole};
+use crate::cameras::pose::Pose;
 use crate::readers::text;
-use crate::view::View;
+use crate::views::color_images::read_size;
+use crate::views::view::View;
 use crate::{ImageSet, ImagesError, resolve};
 use glam::{DMat3, DVec3};
 use headbox_core::files::InputFolder;

@@ -2,17 +2,17 @@
 //! (`rgb.txt`, `depth.txt` or `associations.txt`, `groundtruth.txt`) and Replica (`results`,
 //! `traj.txt`).
 
-use crate::color_images::{read_camera_size, read_size};
+use crate::cameras::lens::{Distortion, Lens, Pinhole};
+use crate::cameras::pose::Pose;
 use crate::depth::{AssumedDepth, DepthSource};
 use crate::depth_files;
-use crate::lens::{Distortion, Lens, Pinhole};
-use crate::pose::Pose;
 use crate::readers::intrinsics::{create_pinhole, note_principal, pose_from_rows, read_intrinsics};
 use crate::readers::json::{self, JsonObject};
 use crate::readers::left_out::LeftOut;
 use crate::readers::paths::{find_image, resolve};
 use crate::readers::text;
-use crate::view::View;
+use crate::views::color_images::{read_camera_size, read_size};
+use crate::views::view::View;
 use crate::{ImageSet, ImagesError};
 use glam::{DMat4, DQuat, DVec3};
 use headbox_core::depth_kind::DepthKind;

@@ -2,13 +2,13 @@
 //! `.pose.txt` (camera to world), with 3x3 intrinsics next to them; the layout of the TSDF demo and
 //! of 7-Scenes.
 
-use crate::color_images::read_camera_size;
+use crate::cameras::lens::Lens;
 use crate::depth::DepthSource;
-use crate::lens::Lens;
 use crate::readers::intrinsics::{create_pinhole, note_principal, pose_from_rows, read_intrinsics};
 use crate::readers::left_out::LeftOut;
 use crate::readers::text;
-use crate::view::View;
+use crate::views::color_images::read_camera_size;
+use crate::views::view::View;
 use crate::{ImageSet, ImagesError};
 use headbox_core::depth_kind::DepthKind;
 use headbox_core::files::InputFolder;

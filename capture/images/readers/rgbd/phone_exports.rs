@@ -2,15 +2,15 @@
 //! Record3D (`metadata.json`) and the `cameras.json` of 3D Gaussian Splatting.
 
 use super::folders::pose_from_words;
-use crate::color_images::read_camera_size;
+use crate::cameras::lens::{Distortion, Lens, Pinhole};
+use crate::cameras::pose::Pose;
 use crate::depth::DepthSource;
-use crate::lens::{Distortion, Lens, Pinhole};
-use crate::pose::Pose;
 use crate::readers::json::{self, JsonObject};
 use crate::readers::left_out::LeftOut;
 use crate::readers::paths::{find_image, find_named_image};
 use crate::readers::text;
-use crate::view::View;
+use crate::views::color_images::read_camera_size;
+use crate::views::view::View;
 use crate::{ImageSet, ImagesError};
 use glam::{DMat4, DVec4};
 use headbox_core::depth_kind::DepthKind;

@@ -32,7 +32,7 @@ impl Pinhole {
     ///
     /// # Errors
     /// The problem, as the rest of a sentence about the field.
-    pub(super) fn checked(self) -> Result<Self, &'static str> {
+    pub(crate) fn checked(self) -> Result<Self, &'static str> {
         check_px(self.focal_px, self.principal_px)?;
         let Distortion { radial, tangential } = self.distortion;
         if radial.iter().chain(&tangential).all(|k| k.is_finite()) {
@@ -43,7 +43,7 @@ impl Pinhole {
     }
 
     /// Returns the length of the ray at eye depth 1 through a position in the distorted image.
-    pub(super) fn distorted_ray_length(&self, position: [f64; 2]) -> f64 {
+    pub(crate) fn distorted_ray_length(&self, position: [f64; 2]) -> f64 {
         let [x, y] =
             [0, 1].map(|axis| (position[axis] - self.principal_px[axis]) / self.focal_px[axis]);
         self.distortion
@@ -54,7 +54,7 @@ impl Pinhole {
 
     /// Scales the lens from one size of the image to another.
     #[must_use]
-    pub(super) fn scaled(self, from: [u32; 2], to: [u32; 2]) -> Self {
+    pub(crate) fn scaled(self, from: [u32; 2], to: [u32; 2]) -> Self {
         let factor = [0, 1].map(|axis| f64::from(to[axis]) / f64::from(from[axis]));
         Self {
             focal_px: [0, 1].map(|axis| self.focal_px[axis] * factor[axis]),
@@ -112,7 +112,7 @@ impl Distortion {
 
     /// Maps a position in the distorted image to the ideal one, by Newton's method; returns the
     /// position itself where that does not converge.
-    pub(super) fn invert(&self, distorted: DVec2) -> DVec2 {
+    pub(crate) fn invert(&self, distorted: DVec2) -> DVec2 {
         const STEPS: u32 = 20;
         const DIFFERENCE: f64 = 1e-5;
         let mut p = distorted;

@@ -1,6 +1,6 @@
 //! Points of one view that another view sees.
 
-use crate::view::{LoadedView, MAX_DEPTH_M};
+use crate::views::view::{LoadedView, MAX_DEPTH_M};
 
 /// A point of a view where another view sees it.
 pub(crate) struct SeenPoint {

@@ -8,7 +8,7 @@ use glam::{DMat2, DVec2, DVec3};
 use std::f64::consts::PI;
 
 /// Camera of an image that has to be resampled into perspective views
-/// ([`crate::rectify`]).
+/// ([`crate::cameras::rectify`]).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CameraModel {
     /// Focal lengths, pixels.
@@ -282,7 +282,7 @@ impl CameraModel {
     ///
     /// # Errors
     /// The problem, as the rest of a sentence about the field.
-    pub(super) fn checked(self) -> Result<Self, &'static str> {
+    pub(crate) fn checked(self) -> Result<Self, &'static str> {
         super::lens::check_px(self.focal_px, self.principal_px)?;
         if !self.projection.is_finite() {
             return Err("has a distortion coefficient that is not finite");

@@ -1,17 +1,17 @@
 //! Files of a view whose resolution or orientation differs from that of the set.
 
 use crate::ImagesError;
-use crate::color_images::read_size;
+use crate::cameras::lens::Lens;
 use crate::depth::has_proportions;
-use crate::lens::Lens;
-use crate::view::View;
+use crate::views::color_images::read_size;
+use crate::views::view::View;
 use headbox_core::depth_kind::DepthKind;
 use headbox_core::image::orientation::{self, Orientation};
 
 impl View {
     /// Returns the turn by the EXIF orientation of an image that is stored on its side, if the
     /// set's size is that of the upright image. An image that has the set's size is read as stored.
-    pub(super) fn upright_turn(&self, stored: [u32; 2]) -> Option<Orientation> {
+    pub(crate) fn upright_turn(&self, stored: [u32; 2]) -> Option<Orientation> {
         let [width, height] = self.file_size_px();
         if stored == [width, height] || stored != [height, width] {
             return None;
@@ -20,7 +20,7 @@ impl View {
     }
 
     /// Reads depth at the image's pixels, as multiples of [`Lens::ray`]; empty without depth.
-    pub(super) fn load_depth(&self) -> Result<Vec<f32>, ImagesError> {
+    pub(crate) fn load_depth(&self) -> Result<Vec<f32>, ImagesError> {
         let Some(source) = &self.depth else {
             return Ok(Vec::new());
         };
@@ -71,7 +71,7 @@ impl View {
 
     /// Returns the turn that brings depth of a size onto the image if one of them is stored on its
     /// side and the other is upright, by the EXIF orientation of the image.
-    pub(super) fn depth_turn(
+    pub(crate) fn depth_turn(
         &self,
         [width, height]: [u32; 2],
     ) -> Result<Option<Orientation>, ImagesError> {

@@ -1,7 +1,7 @@
 //! Colour images of image sets.
 
-use super::ImagesError;
-use super::depth::extension;
+use crate::ImagesError;
+use crate::depth::extension;
 use headbox_core::color::srgb8_from_linear;
 use headbox_core::image::codec::{self, MAX_PIXELS};
 use headbox_core::image::exr_channels::ExrParts;
@@ -112,7 +112,7 @@ fn from_shares(shares: [f32; 4]) -> [u8; 4] {
 ///
 /// # Errors
 /// [`ImagesError`] that names the file.
-pub(super) fn read_size(path: &Path) -> Result<[u32; 2], ImagesError> {
+pub(crate) fn read_size(path: &Path) -> Result<[u32; 2], ImagesError> {
     // Opening a FIFO would wait for its writer.
     if path.exists() && !path.is_file() {
         let cause = "is not a regular file";
@@ -138,7 +138,7 @@ pub(super) fn read_size(path: &Path) -> Result<[u32; 2], ImagesError> {
 ///
 /// # Errors
 /// See [`read_size`].
-pub(super) fn read_camera_size(
+pub(crate) fn read_camera_size(
     path: &Path,
     principal_px: [f64; 2],
 ) -> Result<[u32; 2], ImagesError> {

@@ -1,12 +1,12 @@
 //! One view of a set: its camera, its files, and the loaded image.
 
-use super::ImagesError;
-use super::depth::DepthSource;
-use super::lens::{Lens, Pinhole};
-use super::pose::Pose;
-use super::rectify::SourceCamera;
-use super::register::Registration;
-use crate::color_images::{ColorChannels, read_channels, read_color, read_size};
+use crate::ImagesError;
+use crate::cameras::lens::{Lens, Pinhole};
+use crate::cameras::pose::Pose;
+use crate::cameras::rectify::SourceCamera;
+use crate::depth::DepthSource;
+use crate::register::Registration;
+use crate::views::color_images::{ColorChannels, read_channels, read_color, read_size};
 use glam::{DVec2, DVec3};
 use headbox_core::camera::Camera;
 use headbox_core::image::orientation;
@@ -150,7 +150,7 @@ impl View {
     ///
     /// # Errors
     /// [`ImagesError`] that names the file.
-    pub(super) fn check_files(&self) -> Result<(), ImagesError> {
+    pub(crate) fn check_files(&self) -> Result<(), ImagesError> {
         let stored = read_size(&self.color)?;
         if self.upright_turn(stored).is_none() {
             self.check_size(stored)?;
@@ -173,12 +173,12 @@ impl View {
     }
 
     /// Size of the image file, pixels.
-    pub(super) fn file_size_px(&self) -> [u32; 2] {
+    pub(crate) fn file_size_px(&self) -> [u32; 2] {
         self.source.map_or(self.size_px, |source| source.size_px)
     }
 
     /// Returns true if `other` is another view of the same image file.
-    pub(super) fn is_same_photograph(&self, other: &Self) -> bool {
+    pub(crate) fn is_same_photograph(&self, other: &Self) -> bool {
         self.source.is_some() && self.color == other.color && self.name != other.name
     }
 
@@ -333,7 +333,7 @@ impl LoadedView {
     }
 
     /// Resamples the view as seen through an undistorted lens.
-    pub(super) fn undistorted(self) -> Self {
+    pub(crate) fn undistorted(self) -> Self {
         let Lens::Pinhole(Pinhole {
             focal_px,
             principal_px,
@@ -382,8 +382,8 @@ impl LoadedView {
 
 #[cfg(test)]
 mod tests {
-    use super::super::lens::Distortion;
     use super::*;
+    use crate::cameras::lens::Distortion;
     use glam::DMat3;
 
     fn view() -> LoadedView {

@@ -5,10 +5,10 @@
 //! [`MAX_LOSS`], becomes the faces of a cube that it covers: a view of 90 degrees each, at the eye
 //! of the image, with as many pixels per radian as the image's centre.
 
-use crate::camera_model::{CameraModel, Projection};
-use crate::lens::{Distortion, Lens, Pinhole};
-use crate::pose::Pose;
-use crate::view::{LoadedView, View};
+use crate::cameras::camera_model::{CameraModel, Projection};
+use crate::cameras::lens::{Distortion, Lens, Pinhole};
+use crate::cameras::pose::Pose;
+use crate::views::view::{LoadedView, View};
 use glam::{DMat3, DVec3};
 use headbox_core::depth_kind::DepthKind;
 use headbox_core::read_note::ReadNote;
@@ -248,7 +248,7 @@ fn cube_faces(model: &CameraModel, rays: &[DVec3]) -> Vec<Face> {
 impl SourceCamera {
     /// Resamples an image into a view: colour bilinearly, depth by the nearest pixel. The depth of
     /// `image` is of the kind of the view's depth, in metres.
-    pub(super) fn rectified(&self, image: &LoadedView, view: &View) -> LoadedView {
+    pub(crate) fn rectified(&self, image: &LoadedView, view: &View) -> LoadedView {
         let (size_px, lens) = (view.size_px, view.lens);
         let kind = view.depth.as_ref().map(|depth| depth.kind);
         let [width, height] = size_px.map(|side| side as usize);
@@ -306,7 +306,7 @@ impl SourceCamera {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::camera_model::Polynomial;
+    use crate::cameras::camera_model::Polynomial;
     use crate::depth::{DepthPicture, DepthSource, write_depth_exr};
     use image::RgbaImage;
     use std::path::PathBuf;

@@ -20,7 +20,7 @@ const FARTHEST_EYE: f64 = 1e9;
 
 impl Pose {
     /// Pose at the origin that looks down -Z.
-    pub(super) const IDENTITY: Self = Self {
+    pub(crate) const IDENTITY: Self = Self {
         eye: DVec3::ZERO,
         world_from_eye: DMat3::IDENTITY,
     };
@@ -110,7 +110,7 @@ impl Pose {
 }
 
 /// Returns the mean angle of pairs of poses, degrees, and the mean distance of their eyes, metres.
-pub(super) fn mean_difference(pairs: impl ExactSizeIterator<Item = (Pose, Pose)>) -> [f64; 2] {
+pub(crate) fn mean_difference(pairs: impl ExactSizeIterator<Item = (Pose, Pose)>) -> [f64; 2] {
     let count = pairs.len().max(1) as f64;
     let differences = pairs.map(|(pose, other)| pose.difference(&other));
     differences
