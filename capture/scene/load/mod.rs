@@ -9,12 +9,9 @@ pub mod encoding;
 pub(crate) mod gltf;
 mod lights;
 pub mod lines;
-pub mod material_names;
-pub mod mtl;
 mod named_files;
 pub mod notes;
 pub mod obj;
-mod obj_prepare;
 mod orientation;
 mod ply;
 pub mod polygon;
@@ -24,6 +21,7 @@ mod vertex_colors;
 
 pub use builder::{Group, GroupedScene};
 pub use gltf::HEADBOX_HALF_SIZE;
+pub use obj::{material_names, mtl};
 
 use crate::scene::{Scene, SceneError};
 use headbox_core::file_frame::{FileFrame, UpAxis};

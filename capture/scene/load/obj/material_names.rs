@@ -1,8 +1,8 @@
 //! Lookup of the materials that an OBJ uses by name.
 
-use super::encoding::respellings;
-use super::lines::without_comment;
 use super::mtl::MtlMaterial;
+use crate::load::encoding::respellings;
+use crate::load::lines::without_comment;
 use std::collections::HashMap;
 
 /// Indices of materials by their names; the later one of two with the same name counts.

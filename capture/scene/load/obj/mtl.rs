@@ -3,8 +3,8 @@
 //! `tobj` is not used: it rejects a whole material file (or panics) for one bad line, leaves the
 //! options of a map in its file name, and ignores `Tr` and `map_Ke`.
 
-use super::lines::{has_decimal_comma, keyword, lines, words};
-use super::notes::{Note, Notes};
+use crate::load::lines::{has_decimal_comma, keyword, lines, words};
+use crate::load::notes::{Note, Notes};
 use glam::{Affine2, Vec2};
 use headbox_core::color::linear_from_srgb;
 use std::collections::HashSet;
@@ -66,7 +66,7 @@ impl MtlMaterial {
 
     /// Returns the opacity of the whole surface: 1 if it is not specified or
     /// [inverted](Self::is_tr_inverted).
-    pub(super) fn opacity(&self) -> f32 {
+    pub(crate) fn opacity(&self) -> f32 {
         let by_transparency = self
             .transparency
             .filter(|_| !self.is_tr_inverted())
@@ -82,7 +82,7 @@ impl MtlMaterial {
 
     /// Returns true if the material is transparent without a map, so that the alpha channel of its
     /// colour counts.
-    pub(super) fn is_transparent(&self) -> bool {
+    pub(crate) fn is_transparent(&self) -> bool {
         self.opacity() < 1.0 || matches!(self.illumination_model, Some(4 | 6 | 7 | 9))
     }
 }

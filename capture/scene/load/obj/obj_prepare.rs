@@ -6,10 +6,10 @@
 //! the faces and their `usemtl` and `g` lines. Each corner of a face has absolute indices of all
 //! vertex attributes that the file has; missing ones are those of the neutral entries.
 
-use super::lines::{has_decimal_comma, keyword, lines, number, words};
-use super::notes::{Note, Notes};
-use super::orientation::AxisAreas;
-use super::vertex_colors::VertexColors;
+use crate::load::lines::{has_decimal_comma, keyword, lines, number, words};
+use crate::load::notes::{Note, Notes};
+use crate::load::orientation::AxisAreas;
+use crate::load::vertex_colors::VertexColors;
 use glam::DVec3;
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
@@ -29,34 +29,34 @@ const IGNORED: &str = "mtllib vp s deg bmat step cstype parm trim hole scrv sp e
 
 /// A text that `tobj` reads without an error, and what else the file states.
 #[derive(Default)]
-pub(super) struct PreparedObj {
-    pub(super) text: String,
+pub(crate) struct PreparedObj {
+    pub(crate) text: String,
     /// Numbers of `v`, `vt` and `vn` lines.
     pub(super) totals: Counts,
     /// Number of vertices of the mesh, or a few more: a position counts again if its texture
     /// coordinate or normal is not that of its last corner.
-    pub(super) vertices: usize,
+    pub(crate) vertices: usize,
     /// Number of triangles of all faces.
-    pub(super) triangles: usize,
+    pub(crate) triangles: usize,
     /// Arguments of the `mtllib` statements.
     pub(super) libraries: Vec<String>,
     /// Names of the `usemtl` statements.
     pub(super) used_materials: BTreeSet<String>,
     /// Faces in groups or with materials that have the name of a floor.
-    pub(super) floors: AxisAreas,
-    pub(super) notes: Notes,
+    pub(crate) floors: AxisAreas,
+    pub(crate) notes: Notes,
 }
 
 /// A line that is not an OBJ statement.
 #[derive(Debug)]
-pub(super) struct LineError {
+pub(crate) struct LineError {
     /// Line number, from 1.
-    pub(super) line: usize,
-    pub(super) cause: String,
+    pub(crate) line: usize,
+    pub(crate) cause: String,
 }
 
 /// Numbers of `v`, `vt` and `vn` lines.
-pub(super) type Counts = [usize; 3];
+pub(crate) type Counts = [usize; 3];
 
 /// Prepares a text; `keep_groups` passes `g` and `o` lines on, each as a `g`.
 pub(super) fn prepare(text: &str, keep_groups: bool) -> Result<PreparedObj, LineError> {
