@@ -1,18 +1,9 @@
 //! Portal models from files: Sweet Home 3D homes, and TOML models that refer to scene files.
 
-mod additions;
-mod archive;
 mod assign;
-mod ceilings;
-mod export_file;
-mod finish;
-mod home;
-mod leaves;
-mod plain;
+mod homes;
 mod split;
-mod sweethome;
 mod toml;
-mod xml;
 
 use crate::{Finding, PortalModel};
 use headbox_core::inputs::HOMES;
@@ -120,7 +111,7 @@ pub fn load_scene(path: &Path, options: &LoadOptions) -> Result<Scene, LoadError
 /// See [`LoadError`].
 pub fn load_model(path: &Path, options: &ModelOptions) -> Result<LoadedModel, LoadError> {
     catch_panics(path, || match extension_of(path).as_str() {
-        "xml" | "sh3d" => sweethome::load(path, options),
+        "xml" | "sh3d" => homes::sweethome::load(path, options),
         "toml" => toml::load(path),
         _ => Err(LoadError::UnknownModel {
             path: path.to_path_buf(),

@@ -113,7 +113,7 @@ fn is_away(path: &Path, [low, high]: [DVec2; 2]) -> bool {
 }
 
 /// Returns the bounding box of points; `None` if there is none.
-pub(super) fn bounds_of(points: impl Iterator<Item = DVec2>) -> Option<[DVec2; 2]> {
+pub(crate) fn bounds_of(points: impl Iterator<Item = DVec2>) -> Option<[DVec2; 2]> {
     points
         .map(|p| [p, p])
         .reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])])

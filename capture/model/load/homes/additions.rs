@@ -20,7 +20,7 @@ pub(super) fn threshold(scene: &mut Scene, outline: [DVec2; 4], floor_y: f64) {
 }
 
 /// Adds a ceiling, metres, with its corners in order.
-pub(super) fn ceiling(scene: &mut Scene, corners: &[DVec3]) {
+pub(crate) fn ceiling(scene: &mut Scene, corners: &[DVec3]) {
     add(scene, "ceiling", corners, Vec3::NEG_Y);
 }
 

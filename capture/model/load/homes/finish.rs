@@ -7,7 +7,7 @@ use roxmltree::Node;
 
 /// An image that is repeated over a surface.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Repeated {
+pub(crate) struct Repeated {
     /// Name of the image in the archive.
     pub(super) image: String,
     /// Width and height of the image, centimetres.
@@ -20,16 +20,16 @@ pub(super) struct Repeated {
 
 impl Repeated {
     /// Returns the texture coordinate of a point on a surface, centimetres to the right and up.
-    pub(super) fn texcoord(&self, place: DVec2) -> DVec2 {
+    pub(crate) fn texcoord(&self, place: DVec2) -> DVec2 {
         DVec2::from_angle(self.angle).rotate(place - self.offset * self.size) / self.size
     }
 }
 
 /// Finish of a surface; a texture takes precedence over a colour.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(super) struct Finish {
-    pub(super) color: Option<[f32; 3]>,
-    pub(super) picture: Option<Repeated>,
+pub(crate) struct Finish {
+    pub(crate) color: Option<[f32; 3]>,
+    pub(crate) picture: Option<Repeated>,
 }
 
 impl Finish {
@@ -40,7 +40,7 @@ impl Finish {
 }
 
 /// Reads the colour of an attribute, and the texture that a child element specifies for its parent.
-pub(super) fn finish(node: Node, color_attribute: &str, texture: Option<&str>) -> Finish {
+pub(crate) fn finish(node: Node, color_attribute: &str, texture: Option<&str>) -> Finish {
     let is_texture =
         |child: &Node| child.has_tag_name("texture") && child.attribute("attribute") == texture;
     Finish {
@@ -64,7 +64,7 @@ fn repeated(texture: Node) -> Option<Repeated> {
 }
 
 /// Reads a colour of alpha, red, green and blue in hexadecimal, sRGB. Returns linear RGB.
-pub(super) fn color(node: Node, attribute: &str) -> Option<[f32; 3]> {
+pub(crate) fn color(node: Node, attribute: &str) -> Option<[f32; 3]> {
     let argb = u32::from_str_radix(node.attribute(attribute)?, 16).ok()?;
     Some([16, 8, 0].map(|shift| linear_from_srgb8((argb >> shift) as u8)))
 }

@@ -8,7 +8,8 @@
 
 use super::archive::{Archive, Corner, FaceGroup, Model};
 use super::finish::{Finish, Repeated};
-use super::home::{FurniturePiece, Home, Opening, Room, Wall};
+use super::home::{FurniturePiece, Home, Opening, Room};
+use super::walls::Wall;
 use crate::polygon::area_normal;
 use glam::{Affine2, DMat3, DVec2, DVec3};
 use headbox_core::color::linear_from_srgb;
@@ -53,16 +54,16 @@ const MAX_ARC_SINE: f64 = 0.87;
 const NEAR_WALL: f64 = 5.0;
 
 /// A home as an OBJ.
-pub(super) struct PlainHome<'a> {
+pub(crate) struct PlainHome<'a> {
     /// OBJ text, centimetres, Y up.
-    pub(super) text: String,
+    pub(crate) text: String,
     /// Materials of the OBJ.
-    pub(super) materials: Vec<MtlMaterial>,
+    pub(crate) materials: Vec<MtlMaterial>,
     /// Images of its materials by the names of their maps.
     pub(super) pictures: EmbeddedImages,
     /// Models of the pieces of furniture replaced by boxes, empty for a piece without one.
-    pub(super) boxes: Vec<String>,
-    pub(super) archive: Archive<'a>,
+    pub(crate) boxes: Vec<String>,
+    pub(crate) archive: Archive<'a>,
     vertices: usize,
     texcoords: usize,
     /// Names of the materials so far.
@@ -71,7 +72,7 @@ pub(super) struct PlainHome<'a> {
 
 impl<'a> PlainHome<'a> {
     /// Builds a home; `archive` has models and images.
-    pub(super) fn new(home: &Home, archive: &'a [u8]) -> Self {
+    pub(crate) fn new(home: &Home, archive: &'a [u8]) -> Self {
         let mut plain = Self {
             text: String::new(),
             materials: Vec::new(),

@@ -2,31 +2,32 @@
 //! and z of the export), centimetres, angles clockwise in plan.
 
 use super::finish::{Finish, color, finish};
+use super::unsupported::Unsupported;
+use super::walls::{Wall, wall};
 use super::xml::{elements, number};
 use glam::{DMat3, DVec2, DVec3};
 use roxmltree::{Document, Node};
 use std::collections::{HashMap, HashSet};
-use std::f64::consts::{PI, TAU};
 
 /// A storey.
 #[derive(Clone, Copy, Debug)]
-struct Level {
-    elevation: f64,
-    height: f64,
+pub(super) struct Level {
+    pub(super) elevation: f64,
+    pub(super) height: f64,
     /// Thickness of the floor below it, zero for the lowest storey.
-    floor_thickness: f64,
-    is_topmost: bool,
+    pub(super) floor_thickness: f64,
+    pub(super) is_topmost: bool,
 }
 
 /// A room.
 #[derive(Clone, Debug)]
-pub(super) struct Room {
+pub(crate) struct Room {
     /// Empty if the home has none.
-    pub(super) name: String,
-    pub(super) outline: Vec<DVec2>,
-    pub(super) floor: f64,
+    pub(crate) name: String,
+    pub(crate) outline: Vec<DVec2>,
+    pub(crate) floor: f64,
     /// Height of the ceiling at each corner.
-    pub(super) ceilings: Vec<f64>,
+    pub(crate) ceilings: Vec<f64>,
     /// True if it has a ceiling: it is a room, not a terrace.
     pub(super) covered: bool,
     /// True if its ceiling was switched off and is restored.
@@ -42,7 +43,7 @@ pub(super) struct Room {
 
 impl Room {
     /// Returns the greatest height of the ceiling.
-    pub(super) fn ceiling(&self) -> f64 {
+    pub(crate) fn ceiling(&self) -> f64 {
         self.ceilings.iter().copied().fold(self.floor, f64::max)
     }
 
@@ -56,41 +57,18 @@ impl Room {
     }
 }
 
-/// A wall, upright on its level.
-#[derive(Clone, Debug)]
-pub(super) struct Wall {
-    /// Ends of its middle line in plan.
-    pub(super) start: DVec2,
-    pub(super) end: DVec2,
-    pub(super) thickness: f64,
-    /// Height of the floor that it stands on.
-    pub(super) bottom: f64,
-    /// Height of its lower edge: a wall of an upper storey reaches through the floor.
-    pub(super) lower_edge: f64,
-    /// Heights above its bottom, at its start and end.
-    pub(super) heights: [f64; 2],
-    /// Finishes of its left and right side, seen from start to end in a plan with y downward.
-    pub(super) finishes: [Finish; 2],
-    /// Finish of its upper face, if it has its own.
-    pub(super) top_finish: Option<Finish>,
-    /// Extension beyond its start and end, into joined walls; `None` for a free end.
-    pub(super) extension: [Option<f64>; 2],
-    /// True for a piece of an arc wall.
-    pub(super) is_arc: bool,
-}
-
 /// Furniture, a lamp, a door or a window, as a model.
 #[derive(Clone, Debug)]
-pub(super) struct FurniturePiece {
+pub(crate) struct FurniturePiece {
     /// Name of the model in the archive.
-    pub(super) model: Option<String>,
+    pub(crate) model: Option<String>,
     pub(super) is_opening: bool,
     /// Centre in plan.
-    pub(super) centre: DVec2,
+    pub(crate) centre: DVec2,
     /// Height of the lower edge.
     pub(super) elevation: f64,
     /// Width, height, depth.
-    pub(super) size: DVec3,
+    pub(crate) size: DVec3,
     /// Rotation clockwise in plan, radians.
     pub(super) angle: f64,
     pub(super) mirrored: bool,
@@ -99,23 +77,23 @@ pub(super) struct FurniturePiece {
     /// Rotation of the model, of its size, about horizontal axes.
     pub(super) tilt: Option<DMat3>,
     /// Finish of the whole piece.
-    pub(super) finish: Finish,
+    pub(crate) finish: Finish,
     /// Finishes of single materials of the model.
-    pub(super) materials: Vec<(String, Finish)>,
+    pub(crate) materials: Vec<(String, Finish)>,
 }
 
 /// A door or window.
 #[derive(Clone, Debug)]
-pub(super) struct Opening {
-    pub(super) name: String,
+pub(crate) struct Opening {
+    pub(crate) name: String,
     /// Middle of the piece in plan.
-    pub(super) centre: DVec2,
+    pub(crate) centre: DVec2,
     /// Unit vector along its width.
-    pub(super) along: DVec2,
-    pub(super) width: f64,
+    pub(crate) along: DVec2,
+    pub(crate) width: f64,
     pub(super) depth: f64,
     /// Heights of its lower and upper edge.
-    pub(super) heights: [f64; 2],
+    pub(crate) heights: [f64; 2],
     /// Distance from `centre` to the middle of the wall, across, toward the piece's front.
     pub(super) wall_offset: f64,
     /// Thickness of its wall.
@@ -124,7 +102,7 @@ pub(super) struct Opening {
 
 impl Opening {
     /// Returns the unit vector across, from back to front.
-    pub(super) fn across(&self) -> DVec2 {
+    pub(crate) fn across(&self) -> DVec2 {
         self.along.perp()
     }
 
@@ -136,11 +114,11 @@ impl Opening {
 
 /// A home.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Home {
-    pub(super) rooms: Vec<Room>,
-    pub(super) openings: Vec<Opening>,
+pub(crate) struct Home {
+    pub(crate) rooms: Vec<Room>,
+    pub(crate) openings: Vec<Opening>,
     pub(super) walls: Vec<Wall>,
-    pub(super) pieces: Vec<FurniturePiece>,
+    pub(crate) pieces: Vec<FurniturePiece>,
     /// Colour of the sky, linear RGB.
     pub(super) sky_color: Option<[f32; 3]>,
     /// Colour of the ground around the home, likewise.
@@ -152,32 +130,8 @@ pub(super) struct Home {
     pub(super) unsupported: Unsupported,
 }
 
-/// Numbers of properties of a plan that are not built.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct Unsupported {
-    /// Staircases that cut the floors above them.
-    pub(super) staircases: usize,
-    /// Doors and windows whose hole in the wall is not their whole rectangle.
-    pub(super) shaped_openings: usize,
-    /// Pieces of furniture with moved parts, such as an open door.
-    pub(super) moved_parts: usize,
-    /// Baseboards of walls.
-    pub(super) baseboards: usize,
-    /// Polylines in 3D.
-    pub(super) polylines: usize,
-    /// Labels in 3D.
-    pub(super) labels: usize,
-    /// Lamps with light sources.
-    pub(super) lights: usize,
-    /// Compasses whose north is not upward in plan.
-    pub(super) compasses: usize,
-}
-
 /// Maximum thickness of a wall, centimetres.
 const MAX_WALL_THICKNESS: f64 = 2_000.0;
-
-/// Maximum angle between the straight pieces of an arc wall, radians.
-const ARC_STEP: f64 = PI / 18.0;
 
 /// Default height of walls, centimetres, as in Sweet Home 3D.
 const WALL_HEIGHT: f64 = 250.0;
@@ -187,7 +141,7 @@ impl Home {
     ///
     /// # Errors
     /// A message if it is not XML, or not a home.
-    pub(super) fn parse(text: &str) -> Result<Self, String> {
+    pub(crate) fn parse(text: &str) -> Result<Self, String> {
         let document = Document::parse(text)
             .map_err(|cause| format!("not XML, or damaged in line {}", cause.pos().row))?;
         let root = document.root_element();
@@ -305,75 +259,6 @@ fn is_viewable(level: &Node) -> bool {
     level.attribute("viewable") != Some("false")
 }
 
-impl Unsupported {
-    /// Counts the properties of a piece of furniture, a lamp, a door or a window.
-    fn add_piece(&mut self, node: Node, is_opening: bool) {
-        let cuts_floor = node
-            .attribute("staircaseCutOutShape")
-            .is_some_and(|shape| !matches!(shape, "" | "false"));
-        self.staircases += usize::from(cuts_floor);
-        self.lights += usize::from(elements(node, "lightSource").next().is_some());
-        self.moved_parts += usize::from(elements(node, "transformation").next().is_some());
-        let is_whole = |(attribute, whole): (&str, f64)| {
-            number(node, attribute).is_none_or(|value| (value - whole).abs() < SHAPE_ROUNDING)
-        };
-        let is_shaped = node
-            .attribute("cutOutShape")
-            .is_some_and(|path| !path.is_empty() && !is_unit_square(path));
-        let parts = [
-            ("wallWidth", 1.0),
-            ("wallLeft", 0.0),
-            ("wallHeight", 1.0),
-            ("wallTop", 0.0),
-        ];
-        let is_partial = is_shaped || !parts.into_iter().all(is_whole);
-        self.shaped_openings += usize::from(is_opening && is_partial);
-    }
-}
-
-/// Error of numbers in shapes, as a share of the piece.
-const SHAPE_ROUNDING: f64 = 1e-3;
-
-/// Returns true if an SVG path consists of lines between corners of the unit square.
-fn is_unit_square(path: &str) -> bool {
-    let mut at = DVec2::ZERO;
-    let mut rest = path.trim();
-    while let Some(command) = rest.chars().next() {
-        let after = &rest[command.len_utf8()..];
-        let end = after
-            .find(|c: char| c.is_ascii_alphabetic() && !matches!(c, 'e' | 'E'))
-            .unwrap_or(after.len());
-        let numbers: Option<Vec<f64>> = after[..end]
-            .split(|c: char| c == ',' || c.is_whitespace())
-            .filter(|word| !word.is_empty())
-            .map(|word| word.parse().ok())
-            .collect();
-        let Some(numbers) = numbers else {
-            return false;
-        };
-        let from = if command.is_ascii_lowercase() {
-            at
-        } else {
-            DVec2::ZERO
-        };
-        at = match (command.to_ascii_lowercase(), numbers.as_slice()) {
-            ('m' | 'l', &[x, y]) => from + DVec2::new(x, y),
-            ('h', &[x]) => DVec2::new(from.x + x, at.y),
-            ('v', &[y]) => DVec2::new(at.x, from.y + y),
-            ('z', []) => at,
-            _ => return false,
-        };
-        let off_corner = (at - at.round().clamp(DVec2::ZERO, DVec2::ONE)).abs();
-        // Also true for NaN.
-        let is_at_corner = off_corner.max_element() < SHAPE_ROUNDING;
-        if !is_at_corner {
-            return false;
-        }
-        rest = &after[end..];
-    }
-    true
-}
-
 fn room(node: Node, level: Level) -> Option<Room> {
     let corner = |point: Node| Some(DVec2::new(number(point, "x")?, number(point, "y")?));
     let outline: Vec<DVec2> = elements(node, "point").map(corner).collect::<Option<_>>()?;
@@ -392,116 +277,7 @@ fn room(node: Node, level: Level) -> Option<Room> {
     })
 }
 
-fn wall(node: Node, level: Level, wall_height: f64, by_id: &HashMap<&str, Node>) -> Option<Wall> {
-    let thickness = number(node, "thickness").filter(|&thickness| thickness > 0.0)?;
-    let height = number(node, "height").unwrap_or(wall_height);
-    let into = |joined: &str| extension(node, *by_id.get(node.attribute(joined)?)?, wall_height);
-    let top_finish = finish(node, "topColor", None);
-    Some(Wall {
-        start: DVec2::new(number(node, "xStart")?, number(node, "yStart")?),
-        end: DVec2::new(number(node, "xEnd")?, number(node, "yEnd")?),
-        thickness,
-        bottom: level.elevation,
-        lower_edge: level.elevation - level.floor_thickness,
-        heights: [height, number(node, "heightAtEnd").unwrap_or(height)],
-        finishes: ["left", "right"].map(|side| {
-            finish(
-                node,
-                &format!("{side}SideColor"),
-                Some(&format!("{side}SideTexture")),
-            )
-        }),
-        top_finish: Some(top_finish).filter(Finish::is_specified),
-        extension: ["wallAtStart", "wallAtEnd"].map(into),
-        is_arc: false,
-    })
-}
-
-/// Returns the extension of a wall into one that it is joined to: half its thickness, or, if the
-/// other continues it, as far as their outer faces meet. `None` if the end of the wall remains
-/// visible there.
-fn extension(node: Node, joined: Node, wall_height: f64) -> Option<f64> {
-    let other = number(joined, "thickness")?;
-    let Some(sine) = continuation(node, joined) else {
-        return Some(other / 2.0);
-    };
-    let heights = |wall: Node| {
-        let height = number(wall, "height").unwrap_or(wall_height);
-        [height, number(wall, "heightAtEnd").unwrap_or(height)]
-    };
-    let [low, high] = heights(joined);
-    let is_covered = heights(node).iter().all(|&height| height <= low.min(high));
-    let thickness = number(node, "thickness")?;
-    // The tangent of half a small angle is half its sine.
-    (is_covered && thickness <= other).then_some(thickness / 2.0 * sine / 2.0)
-}
-
-/// Returns the sine of the angle between two straight walls if one nearly continues the other from
-/// a common end.
-fn continuation(wall: Node, other: Node) -> Option<f64> {
-    const MAX_SINE: f64 = 0.1;
-    let ends = |wall: Node| {
-        let point = |[x, y]: [&str; 2]| Some(DVec2::new(number(wall, x)?, number(wall, y)?));
-        let is_straight = number(wall, "arcExtent").is_none_or(|extent| extent == 0.0);
-        let ends = [point(["xStart", "yStart"])?, point(["xEnd", "yEnd"])?];
-        is_straight.then_some(ends)
-    };
-    let [[a, b], [c, d]] = [ends(wall)?, ends(other)?];
-    // From the far end of each wall to the common one and on.
-    let distance = |[_, p, q, _]: &[DVec2; 4]| p.distance(*q);
-    let [far, near, next, last] = [[a, b, c, d], [a, b, d, c], [b, a, c, d], [b, a, d, c]]
-        .into_iter()
-        .min_by(|p, q| distance(p).total_cmp(&distance(q)))?;
-    let along = (near - far).try_normalize()?;
-    let onward = (last - next).try_normalize()?;
-    let sine = along.perp_dot(onward).abs();
-    (sine < MAX_SINE && along.dot(onward) > 0.0).then_some(sine)
-}
-
-impl Wall {
-    /// Splits an arc wall into straight pieces of at most [`ARC_STEP`]. `extent` is the angle of
-    /// the arc from start to end, radians, positive clockwise in plan.
-    fn split_arc(self, extent: f64) -> Vec<Self> {
-        let chord = self.end - self.start;
-        if extent == 0.0 || extent.abs() >= TAU || chord == DVec2::ZERO {
-            return vec![self];
-        }
-        let offset = chord.perp() * (((PI - extent) / 2.0).tan() / 2.0);
-        let centre = (self.start + self.end) / 2.0 + offset;
-        let count = (extent.abs() / ARC_STEP).ceil().max(1.0);
-        // Outer faces of adjacent pieces meet; inner ones intersect.
-        let joint = self.thickness / 2.0 * (extent / count / 2.0).abs().tan();
-        let at =
-            |share: f64| centre + DVec2::from_angle(extent * share).rotate(self.start - centre);
-        let height = |share: f64| self.heights[0] + (self.heights[1] - self.heights[0]) * share;
-        let count = count as usize;
-        let piece = |i: usize| {
-            let [from, to] = [i, i + 1].map(|end| end as f64 / count as f64);
-            Self {
-                start: at(from),
-                end: at(to),
-                heights: [height(from), height(to)],
-                extension: [
-                    if i == 0 {
-                        self.extension[0]
-                    } else {
-                        Some(joint)
-                    },
-                    if i + 1 == count {
-                        self.extension[1]
-                    } else {
-                        Some(joint)
-                    },
-                ],
-                is_arc: true,
-                ..self.clone()
-            }
-        };
-        (0..count).map(piece).collect()
-    }
-}
-
-fn piece(node: Node, level: Level, is_opening: bool) -> Option<FurniturePiece> {
+pub(super) fn piece(node: Node, level: Level, is_opening: bool) -> Option<FurniturePiece> {
     let positive = |attribute: &str| number(node, attribute).filter(|&value| value > 0.0);
     let rotation = node.attribute("modelRotation").and_then(|text| {
         let numbers: Vec<f64> = text
@@ -561,29 +337,4 @@ fn opening(node: Node, level: Level) -> Option<Opening> {
         wall_offset: distance + thickness / 2.0 - depth / 2.0,
         wall_thickness: thickness,
     })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn unit_square_is_told_from_other_shapes() {
-        for path in [
-            "M0,0 v1 h1 v-1 z",
-            "M 0 0 L 1 0 L 1 1 L 0 1 Z",
-            "M0,0V1H1V0Z",
-        ] {
-            assert!(is_unit_square(path), "{path}");
-        }
-        for path in [
-            "M0.5,0 L 1,1 L 0,1 z",
-            "M0,0.5 C 0,0 1,0 1,0.5 z",
-            "M0,0 a1 1 0 0 1 1 1",
-            "M0,0 v2",
-            "?",
-        ] {
-            assert!(!is_unit_square(path), "{path}");
-        }
-    }
 }

@@ -13,7 +13,7 @@ pub(super) fn elements<'a>(
 }
 
 /// Returns a finite number in an attribute.
-pub(super) fn number(node: Node, attribute: &str) -> Option<f64> {
+pub(crate) fn number(node: Node, attribute: &str) -> Option<f64> {
     node.attribute(attribute)?
         .parse()
         .ok()

@@ -21,7 +21,7 @@ const MAX_FILE_BYTES: u64 = 1 << 28;
 const MEMORY_PER_BYTE: u64 = 8;
 
 /// An archive with a cache of its models.
-pub(super) struct Archive<'a> {
+pub(crate) struct Archive<'a> {
     /// `None` for a plan without an archive.
     files: Option<zip::ZipArchive<Cursor<&'a [u8]>>>,
     models: HashMap<String, Option<Rc<Model>>>,
@@ -30,7 +30,7 @@ pub(super) struct Archive<'a> {
 }
 
 impl<'a> Archive<'a> {
-    pub(super) fn new(bytes: &'a [u8]) -> Self {
+    pub(crate) fn new(bytes: &'a [u8]) -> Self {
         Self {
             files: zip::ZipArchive::new(Cursor::new(bytes)).ok(),
             models: HashMap::new(),
@@ -45,7 +45,7 @@ impl<'a> Archive<'a> {
 
     /// Reads a file by its name, else by [another spelling](Self::stored_name); `None` if it is
     /// missing or damaged, or has more bytes than the archive declares.
-    pub(super) fn file(&mut self, name: &str) -> Option<Vec<u8>> {
+    pub(crate) fn file(&mut self, name: &str) -> Option<Vec<u8>> {
         self.file_and_memory(name, 1).map(|(bytes, _)| bytes)
     }
 
@@ -84,7 +84,7 @@ impl<'a> Archive<'a> {
     }
 
     /// Reads a model by its name, once; `None` if it is missing or not an OBJ.
-    pub(super) fn model(&mut self, name: &str) -> Option<Rc<Model>> {
+    pub(crate) fn model(&mut self, name: &str) -> Option<Rc<Model>> {
         if !self.models.contains_key(name) {
             let model = self
                 .file_and_memory(name, MEMORY_PER_BYTE)
@@ -148,21 +148,21 @@ impl<'a> Archive<'a> {
 }
 
 /// A corner of a face: the indices of its position and, if it has one, of its texture coordinate.
-pub(super) type Corner = (usize, Option<usize>);
+pub(crate) type Corner = (usize, Option<usize>);
 
 /// Faces of one group and material.
-pub(super) struct FaceGroup {
-    pub(super) group: String,
-    pub(super) material: String,
-    pub(super) polygons: Vec<Vec<Corner>>,
+pub(crate) struct FaceGroup {
+    pub(crate) group: String,
+    pub(crate) material: String,
+    pub(crate) polygons: Vec<Vec<Corner>>,
 }
 
 /// A model from an archive.
-pub(super) struct Model {
-    pub(super) positions: Vec<DVec3>,
+pub(crate) struct Model {
+    pub(crate) positions: Vec<DVec3>,
     pub(super) texcoords: Vec<DVec2>,
-    pub(super) parts: Vec<FaceGroup>,
-    pub(super) materials: Vec<MtlMaterial>,
+    pub(crate) parts: Vec<FaceGroup>,
+    pub(crate) materials: Vec<MtlMaterial>,
     /// Indices of the materials by their names.
     pub(super) names: MaterialNames,
     /// Material files.

@@ -1,0 +1,17 @@
+//! Sweet Home 3D homes: the plan (`home`) becomes cells and portals (`sweethome`), over the
+//! geometry of an exported OBJ (`export_file`) or of the plan itself (`plain`).
+
+mod additions;
+mod archive;
+mod ceilings;
+mod doors;
+mod export_file;
+mod finish;
+mod home;
+mod leaves;
+mod plain;
+mod rooms;
+pub(super) mod sweethome;
+mod unsupported;
+mod walls;
+mod xml;
