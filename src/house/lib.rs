@@ -22,11 +22,8 @@ pub mod house;
 pub mod make;
 pub mod portal_culling;
 pub mod portal_opening;
-pub mod settings;
 pub mod store;
-pub mod tour;
-pub mod variant;
 pub mod view;
-pub mod visit;
-pub mod walk;
-pub mod walk_path;
+mod walks;
+
+pub use walks::{settings, tour, variant, visit, walk, walk_path};

@@ -1,11 +1,11 @@
 //! Cells that a frame draws as geometry, and portals at which backdrops begin.
 
-use super::backdrop::{Backdrop, BackdropKind, PortalSide};
-use super::house::House;
-use super::portal_culling::{CellView, VisibleCells};
 use super::settings::WalkSettings;
-use super::store::{Key, Store};
+use crate::backdrop::{Backdrop, BackdropKind, PortalSide};
+use crate::house::House;
 use crate::portal_culling;
+use crate::portal_culling::{CellView, VisibleCells};
+use crate::store::{Key, Store};
 use glam::DVec3;
 use headbox_core::camera::Camera;
 use headbox_raster::GroupWindow;
@@ -13,28 +13,28 @@ use std::ops::Range;
 use std::sync::Arc;
 
 /// Portal behind which a backdrop is drawn.
-pub(super) struct BackdropPortal {
-    pub(super) at: PortalSide,
-    pub(super) backdrop: Arc<Backdrop>,
+pub(crate) struct BackdropPortal {
+    pub(crate) at: PortalSide,
+    pub(crate) backdrop: Arc<Backdrop>,
     /// Columns and rows of the frame that it can cover.
-    pub(super) window: [Range<u32>; 2],
+    pub(crate) window: [Range<u32>; 2],
 }
 
 /// Cells and portals of a frame.
-pub(super) struct Visit {
+pub(crate) struct Visit {
     /// Cells that are drawn as geometry.
-    pub(super) groups: Vec<GroupWindow>,
+    pub(crate) groups: Vec<GroupWindow>,
     /// Portals where backdrops begin.
     pub(super) boundaries: Vec<BackdropPortal>,
     /// Portals that were passed because their backdrop is missing.
-    pub(super) missing: Vec<PortalSide>,
+    pub(crate) missing: Vec<PortalSide>,
     /// False if portal culling stopped at a limit.
-    pub(super) is_complete: bool,
+    pub(crate) is_complete: bool,
 }
 
 /// Visits the cells that are visible from the eye's cell; without one, all cells are drawn as
 /// geometry.
-pub(super) fn visit(
+pub(crate) fn visit(
     house: &House,
     store: &Store,
     camera: &Camera,

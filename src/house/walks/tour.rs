@@ -1,11 +1,11 @@
 //! A walk whose backdrops are built in advance (R3, R16).
 
-use super::backdrop::{BackdropError, BackdropQuality};
-use super::house::House;
 use super::settings::{WalkSettings, WalkStats};
-use super::store::{BackdropBuilder, Store};
 use super::visit::likely_backdrops;
 use super::walk::Walker;
+use crate::backdrop::{BackdropError, BackdropQuality};
+use crate::house::House;
+use crate::store::{BackdropBuilder, Store};
 use headbox_core::camera::Camera;
 use headbox_core::frame::Frame;
 use headbox_raster::RasterOutput;

@@ -11,13 +11,13 @@
 //! 3. Each backdrop is drawn for the bounding rectangle of its portal's pixels, and copied only
 //!    into these pixels.
 
-use super::backdrop::{
+use super::settings::{WalkSettings, WalkStats};
+use super::visit::{BackdropPortal, Visit, union, visit};
+use crate::backdrop::{
     Backdrop, BackdropError, BackdropQuality, BackdropStats, Drawer, PortalSide,
 };
-use super::house::House;
-use super::settings::{WalkSettings, WalkStats};
-use super::store::Store;
-use super::visit::{BackdropPortal, Visit, union, visit};
+use crate::house::House;
+use crate::store::Store;
 use headbox_core::camera::Camera;
 use headbox_core::frame::Frame;
 use headbox_raster::{Marker, PixelContent, RasterOutput, RasterView, Rasterizer};

@@ -1,8 +1,8 @@
 //! Named variants of rendering a walk, for the command line and the reports.
 
-use super::backdrop::BackdropKind;
 use super::settings::WalkSettings;
-use super::store::Store;
+use crate::backdrop::BackdropKind;
+use crate::store::Store;
 use headbox_cube::render::RenderSettings;
 use headbox_cube::render::footprint::splat::SplatKernel;
 

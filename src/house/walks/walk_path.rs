@@ -1,7 +1,7 @@
 //! Seeded camera path through every room, like the papers' path of 520 poses (R-N4).
 
-use super::house::House;
-use super::portal_opening::{Opening, polygon_edges};
+use crate::house::House;
+use crate::portal_opening::{Opening, polygon_edges};
 use glam::{DVec2, DVec3};
 use headbox_core::camera::{Camera, CameraError};
 use headbox_model::{Portal, PortalModel};

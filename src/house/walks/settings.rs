@@ -1,7 +1,7 @@
 //! Settings and statistics of a frame of a walk.
 
-use super::backdrop::{BackdropKind, BackdropQuality, BackdropStats, PortalSide};
-use super::portal_culling::Limits;
+use crate::backdrop::{BackdropKind, BackdropQuality, BackdropStats, PortalSide};
+use crate::portal_culling::Limits;
 use headbox_core::camera::Camera;
 use headbox_cube::render::RenderSettings;
 use headbox_raster::RasterStats;
@@ -76,7 +76,7 @@ pub enum Division {
 
 impl Division {
     /// Returns the render settings of a backdrop of `rows` rows.
-    pub(super) fn settings(self, warp: &RenderSettings, rows: u32) -> RenderSettings {
+    pub(crate) fn settings(self, warp: &RenderSettings, rows: u32) -> RenderSettings {
         let band_rows = match self {
             Self::Bands if warp.band_rows > 0 => warp.band_rows,
             Self::Bands => rows / rayon::current_num_threads() as u32 + 1,
