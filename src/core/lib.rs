@@ -30,29 +30,24 @@
 //! ```
 
 pub mod bounces;
-pub mod camera;
 pub mod color;
 pub mod container;
-pub mod cube_face;
-pub mod depth_kind;
 pub mod drawing;
 pub mod environment;
-pub mod file_frame;
 pub mod files;
 pub mod frame;
-pub mod headbox;
+mod geometry;
 pub mod image;
 pub mod inputs;
 pub mod light_parameters;
 pub mod lru;
-pub mod memory;
 pub mod metrics;
 pub mod named_variants;
-pub mod panics;
-pub mod progress;
+mod process;
 pub mod random;
 pub mod read_note;
-pub mod simd;
 pub mod statistics;
-pub mod task;
 pub mod view;
+
+pub use geometry::{camera, cube_face, depth_kind, file_frame, headbox};
+pub use process::{memory, panics, progress, simd, task};

@@ -1,6 +1,6 @@
 //! Background tasks: a named thread with shared state, progress, cancellation and a panic trap.
 
-use crate::progress::Progress;
+use super::progress::Progress;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use std::ops::Deref;
 use std::panic::{AssertUnwindSafe, catch_unwind};
