@@ -1,7 +1,7 @@
 //! Heights of ceilings, and restored ceilings.
 
-use super::home::{Home, Room};
-use super::walls::Wall;
+use super::plan::home::{Home, Room};
+use super::plan::walls::Wall;
 use crate::distance_to_outline;
 use glam::DVec2;
 

@@ -1,7 +1,7 @@
 //! Doors and windows of a home: the triangles that belong to them.
 
-use super::home::{Home, Opening};
 use super::leaves::closing_groups;
+use super::plan::home::{Home, Opening};
 use super::sweethome::UNIT_M;
 use crate::PortalModel;
 use crate::load::ModelOptions;

@@ -7,9 +7,9 @@
 //! box, and holes of walls are rectangles.
 
 use super::archive::{Archive, Corner, FaceGroup, Model};
-use super::finish::{Finish, Repeated};
-use super::home::{FurniturePiece, Home, Opening, Room};
-use super::walls::Wall;
+use super::plan::finish::{Finish, Repeated};
+use super::plan::home::{FurniturePiece, Home, Opening, Room};
+use super::plan::walls::Wall;
 use crate::polygon::area_normal;
 use glam::{Affine2, DMat3, DVec2, DVec3};
 use headbox_core::color::linear_from_srgb;

@@ -1,7 +1,7 @@
 //! Rooms of a home: cells, and portals between them.
 
 use super::additions;
-use super::home::{Home, Opening, Room};
+use super::plan::home::{Home, Opening, Room};
 use super::sweethome::UNIT_M;
 use crate::{Cell, Portal, PortalModel, Prism};
 use glam::{DVec2, DVec3};

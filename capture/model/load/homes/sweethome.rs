@@ -3,10 +3,10 @@
 use super::additions;
 use super::doors::{DoorGroups, assign_groups};
 use super::export_file::{bounds_of, find_export};
-use super::home::Home;
 use super::plain::PlainHome;
+use super::plan::home::Home;
+use super::plan::unsupported::Unsupported;
 use super::rooms::{add_portal, room_cells};
-use super::unsupported::Unsupported;
 use crate::load::assign::assign_triangles;
 use crate::load::{LoadedModel, ModelOptions};
 use crate::{Cell, PortalModel};

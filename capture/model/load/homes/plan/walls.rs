@@ -14,27 +14,27 @@ pub(crate) struct Wall {
     /// Ends of its middle line in plan.
     pub(crate) start: DVec2,
     pub(crate) end: DVec2,
-    pub(super) thickness: f64,
+    pub(crate) thickness: f64,
     /// Height of the floor that it stands on.
     pub(crate) bottom: f64,
     /// Height of its lower edge: a wall of an upper storey reaches through the floor.
-    pub(super) lower_edge: f64,
+    pub(crate) lower_edge: f64,
     /// Heights above its bottom, at its start and end.
     pub(crate) heights: [f64; 2],
     /// Finishes of its left and right side, seen from start to end in a plan with y downward.
-    pub(super) finishes: [Finish; 2],
+    pub(crate) finishes: [Finish; 2],
     /// Finish of its upper face, if it has its own.
-    pub(super) top_finish: Option<Finish>,
+    pub(crate) top_finish: Option<Finish>,
     /// Extension beyond its start and end, into joined walls; `None` for a free end.
-    pub(super) extension: [Option<f64>; 2],
+    pub(crate) extension: [Option<f64>; 2],
     /// True for a piece of an arc wall.
-    pub(super) is_arc: bool,
+    pub(crate) is_arc: bool,
 }
 
 /// Maximum angle between the straight pieces of an arc wall, radians.
 const ARC_STEP: f64 = PI / 18.0;
 
-pub(super) fn wall(
+pub(crate) fn wall(
     node: Node,
     level: Level,
     wall_height: f64,

@@ -8,21 +8,21 @@ use roxmltree::Node;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Unsupported {
     /// Staircases that cut the floors above them.
-    pub(super) staircases: usize,
+    pub(crate) staircases: usize,
     /// Doors and windows whose hole in the wall is not their whole rectangle.
-    pub(super) shaped_openings: usize,
+    pub(crate) shaped_openings: usize,
     /// Pieces of furniture with moved parts, such as an open door.
-    pub(super) moved_parts: usize,
+    pub(crate) moved_parts: usize,
     /// Baseboards of walls.
-    pub(super) baseboards: usize,
+    pub(crate) baseboards: usize,
     /// Polylines in 3D.
-    pub(super) polylines: usize,
+    pub(crate) polylines: usize,
     /// Labels in 3D.
-    pub(super) labels: usize,
+    pub(crate) labels: usize,
     /// Lamps with light sources.
     pub(crate) lights: usize,
     /// Compasses whose north is not upward in plan.
-    pub(super) compasses: usize,
+    pub(crate) compasses: usize,
 }
 
 impl Unsupported {

@@ -9,7 +9,7 @@ use roxmltree::Node;
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Repeated {
     /// Name of the image in the archive.
-    pub(super) image: String,
+    pub(crate) image: String,
     /// Width and height of the image, centimetres.
     size: DVec2,
     /// Offset, in images.
@@ -34,7 +34,7 @@ pub(crate) struct Finish {
 
 impl Finish {
     /// Returns true if the home specifies a finish.
-    pub(super) fn is_specified(&self) -> bool {
+    pub(crate) fn is_specified(&self) -> bool {
         *self != Self::default()
     }
 }

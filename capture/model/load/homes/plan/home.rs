@@ -11,12 +11,12 @@ use std::collections::{HashMap, HashSet};
 
 /// A storey.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Level {
-    pub(super) elevation: f64,
-    pub(super) height: f64,
+pub(crate) struct Level {
+    pub(crate) elevation: f64,
+    pub(crate) height: f64,
     /// Thickness of the floor below it, zero for the lowest storey.
     pub(super) floor_thickness: f64,
-    pub(super) is_topmost: bool,
+    pub(crate) is_topmost: bool,
 }
 
 /// A room.
@@ -29,16 +29,16 @@ pub(crate) struct Room {
     /// Height of the ceiling at each corner.
     pub(crate) ceilings: Vec<f64>,
     /// True if it has a ceiling: it is a room, not a terrace.
-    pub(super) covered: bool,
+    pub(crate) covered: bool,
     /// True if its ceiling was switched off and is restored.
-    pub(super) ceiling_is_new: bool,
+    pub(crate) ceiling_is_new: bool,
     /// True if there is no storey above its own.
-    pub(super) is_topmost: bool,
+    pub(crate) is_topmost: bool,
     /// True if its ceiling stays level below walls of other heights.
-    pub(super) ceiling_is_flat: bool,
-    pub(super) has_floor: bool,
-    pub(super) floor_finish: Finish,
-    pub(super) ceiling_finish: Finish,
+    pub(crate) ceiling_is_flat: bool,
+    pub(crate) has_floor: bool,
+    pub(crate) floor_finish: Finish,
+    pub(crate) ceiling_finish: Finish,
 }
 
 impl Room {
@@ -48,7 +48,7 @@ impl Room {
     }
 
     /// Returns the corners of the ceiling: x, height, y in plan.
-    pub(super) fn ceiling_corners(&self) -> Vec<DVec3> {
+    pub(crate) fn ceiling_corners(&self) -> Vec<DVec3> {
         self.outline
             .iter()
             .zip(&self.ceilings)
@@ -62,20 +62,20 @@ impl Room {
 pub(crate) struct FurniturePiece {
     /// Name of the model in the archive.
     pub(crate) model: Option<String>,
-    pub(super) is_opening: bool,
+    pub(crate) is_opening: bool,
     /// Centre in plan.
     pub(crate) centre: DVec2,
     /// Height of the lower edge.
-    pub(super) elevation: f64,
+    pub(crate) elevation: f64,
     /// Width, height, depth.
     pub(crate) size: DVec3,
     /// Rotation clockwise in plan, radians.
-    pub(super) angle: f64,
-    pub(super) mirrored: bool,
+    pub(crate) angle: f64,
+    pub(crate) mirrored: bool,
     /// Rotation of the model before it is scaled to its size.
-    pub(super) rotation: Option<DMat3>,
+    pub(crate) rotation: Option<DMat3>,
     /// Rotation of the model, of its size, about horizontal axes.
-    pub(super) tilt: Option<DMat3>,
+    pub(crate) tilt: Option<DMat3>,
     /// Finish of the whole piece.
     pub(crate) finish: Finish,
     /// Finishes of single materials of the model.
@@ -91,13 +91,13 @@ pub(crate) struct Opening {
     /// Unit vector along its width.
     pub(crate) along: DVec2,
     pub(crate) width: f64,
-    pub(super) depth: f64,
+    pub(crate) depth: f64,
     /// Heights of its lower and upper edge.
     pub(crate) heights: [f64; 2],
     /// Distance from `centre` to the middle of the wall, across, toward the piece's front.
     pub(super) wall_offset: f64,
     /// Thickness of its wall.
-    pub(super) wall_thickness: f64,
+    pub(crate) wall_thickness: f64,
 }
 
 impl Opening {
@@ -107,7 +107,7 @@ impl Opening {
     }
 
     /// Returns the middle of the opening in the middle of the wall.
-    pub(super) fn in_wall(&self) -> DVec2 {
+    pub(crate) fn in_wall(&self) -> DVec2 {
         self.centre + self.across() * self.wall_offset
     }
 }
@@ -117,17 +117,17 @@ impl Opening {
 pub(crate) struct Home {
     pub(crate) rooms: Vec<Room>,
     pub(crate) openings: Vec<Opening>,
-    pub(super) walls: Vec<Wall>,
+    pub(crate) walls: Vec<Wall>,
     pub(crate) pieces: Vec<FurniturePiece>,
     /// Colour of the sky, linear RGB.
-    pub(super) sky_color: Option<[f32; 3]>,
+    pub(crate) sky_color: Option<[f32; 3]>,
     /// Colour of the ground around the home, likewise.
-    pub(super) ground_color: Option<[f32; 3]>,
+    pub(crate) ground_color: Option<[f32; 3]>,
     /// Number of rooms, walls, doors, windows and pieces of furniture left out because a number is
     /// missing or invalid.
-    pub(super) unreadable: usize,
+    pub(crate) unreadable: usize,
     /// Properties of the plan that are missing in geometry built from it.
-    pub(super) unsupported: Unsupported,
+    pub(crate) unsupported: Unsupported,
 }
 
 /// Maximum thickness of a wall, centimetres.
@@ -277,7 +277,7 @@ fn room(node: Node, level: Level) -> Option<Room> {
     })
 }
 
-pub(super) fn piece(node: Node, level: Level, is_opening: bool) -> Option<FurniturePiece> {
+pub(crate) fn piece(node: Node, level: Level, is_opening: bool) -> Option<FurniturePiece> {
     let positive = |attribute: &str| number(node, attribute).filter(|&value| value > 0.0);
     let rotation = node.attribute("modelRotation").and_then(|text| {
         let numbers: Vec<f64> = text
