@@ -5,10 +5,12 @@
 
 mod baked;
 pub(super) mod contender_list;
+mod cube_list;
 mod ldi;
 mod lumigraph;
 mod points;
 mod raster;
+mod sprite_list;
 mod sprites;
 mod traced;
 mod view;
