@@ -1,5 +1,5 @@
-//! Samples of a capture: the same bytes however it is run, bounded memory, and an honest estimate of
-//! what is still missing.
+//! Samples of a capture: the same bytes however it is run, bounded memory, and an honest estimate
+//! of what is still missing.
 
 #![expect(
     clippy::unwrap_used,

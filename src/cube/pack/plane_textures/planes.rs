@@ -71,7 +71,8 @@ pub struct PlaneTile {
 const _: () = assert!(size_of::<PlaneTile>() == 20, "no padding in files");
 
 impl PlaneTile {
-    /// Returns the range of the tile's texels in [`PlaneSet::texels`](crate::pack::PlaneSet::texels).
+    /// Returns the range of the tile's texels in
+    /// [`PlaneSet::texels`](crate::pack::PlaneSet::texels).
     pub fn texel_range(&self) -> std::ops::Range<usize> {
         let first = self.first_texel as usize;
         first..first.saturating_add(self.texel_count())
