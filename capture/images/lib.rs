@@ -19,15 +19,14 @@
 //! | `NAME.P`, or `P` in a MATLAB file | `projections::matrices` | photographs with projection matrices |
 //! | panoramas | `panorama` | equirectangular, or six cube faces, with depth files next to them |
 //!
-//! Modules in the order of work: `readers` open a folder; `view`, `pose`, `lens`, `depth`,
-//! `camera_model` and `rectify` (images that are resampled into perspective views), `depth_files`,
-//! `color_images` and `view_files` describe and load one view; `depth_evidence` finds the kind and
-//! unit of depth that no file specifies; `align` runs COLMAP on photographs
-//! without poses; `check` compares neighbouring views; `refine` corrects poses and `register`
-//! colour cameras; `backdrop` masks a dark background; `dense_depth` estimates depth by multi-view
-//! stereo, stored next to the images and read from there afterwards; `planar_layers` segments a
-//! sequence into planes; `deep_exr` reads and writes deep images; `traced_view` renders views with
-//! exact depth; `error` has their errors.
+//! Modules in the order of work: `readers` open a folder; `views`, `cameras` (with `rectify` for
+//! images that are resampled into perspective views), `depth` and `depth_files` describe and load
+//! one view; `depth_evidence` finds the kind and unit of depth that no file specifies; `align` runs
+//! COLMAP on photographs without poses; `check` compares neighbouring views; `refine` corrects
+//! poses and `register` colour cameras; `backdrop` masks a dark background; `dense_depth` estimates
+//! depth by multi-view stereo, stored next to the images and read from there afterwards;
+//! `planar_layers` segments a sequence into planes; `deep_exr` reads and writes deep images;
+//! `traced_view` renders views with exact depth; `error` has their errors.
 
 pub mod align;
 pub mod backdrop;
