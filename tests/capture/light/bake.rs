@@ -1,12 +1,12 @@
 //! Bakes of light: triangles are subdivided without cracks; threads, limits and cancellation.
 
-use super::baked_light::floor_and_post;
 use glam::{DVec3, Vec2, Vec3, dvec3};
 use headbox_core::bounces::Bounces;
+use headbox_core::headbox::Headbox;
 use headbox_model::bake::{BakeOptions, Baked, bake, bake_model};
 use headbox_model::{Cell, PortalModel};
 use headbox_scene::material::Material;
-use headbox_scene::scene::{Scene, Triangle};
+use headbox_scene::scene::{Scene, Sky, Sun, Triangle};
 use std::collections::HashSet;
 use std::ops::ControlFlow;
 use std::sync::Arc;
@@ -38,6 +38,51 @@ pub(super) fn uneven_grid() -> Scene {
         );
     }
     scene
+}
+
+/// A floor and a post that shades it.
+pub(super) fn floor_and_post(flipped: bool) -> Scene {
+    let mut scene = Scene {
+        materials: vec![Material::default()],
+        ..Scene::default()
+    };
+    let mut quad = |corners: [DVec3; 4]| {
+        let first = scene.positions.len() as u32;
+        scene.positions.extend(corners);
+        for corners in [[0, 1, 2], [0, 2, 3]] {
+            let [a, b, c] = corners.map(|c: u32| first + c);
+            scene.triangles.push(Triangle {
+                vertices: if flipped { [a, c, b] } else { [a, b, c] },
+                material: 0,
+            });
+        }
+    };
+    quad([
+        dvec3(-2.0, 0.0, 2.0),
+        dvec3(2.0, 0.0, 2.0),
+        dvec3(2.0, 0.0, -2.0),
+        dvec3(-2.0, 0.0, -2.0),
+    ]);
+    quad([
+        dvec3(-0.5, 0.0, 0.0),
+        dvec3(0.5, 0.0, 0.0),
+        dvec3(0.5, 1.5, 0.0),
+        dvec3(-0.5, 1.5, 0.0),
+    ]);
+    let sun = Sun {
+        direction: Vec3::new(0.3, 0.8, 0.5).normalize(),
+        ..Sun::default()
+    };
+    let headbox = Headbox {
+        centre: dvec3(0.0, 1.0, 1.5),
+        half_size_m: 0.2,
+    };
+    Scene {
+        sun: Some(sun),
+        sky: Some(Sky::default()),
+        headbox: Some(headbox),
+        ..scene
+    }
 }
 
 pub(super) fn options(edge_m: f64) -> BakeOptions {

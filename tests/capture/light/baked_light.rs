@@ -1,13 +1,13 @@
 //! Light in vertices: colours equal the light estimator's.
 
-use super::bake::{baked, options, uneven_grid};
+use super::bake::{baked, floor_and_post, options, uneven_grid};
 use glam::{DVec2, DVec3, Vec3, dvec3};
 use headbox_core::bounces::Bounces;
 use headbox_core::headbox::Headbox;
 use headbox_model::bake::{BakeOptions, Baked, bake, bake_model};
 use headbox_model::{Cell, PortalModel, Prism};
 use headbox_scene::material::Material;
-use headbox_scene::scene::{Scene, Sky, SkyGradient, Sun, Triangle};
+use headbox_scene::scene::{Scene, Sky, SkyGradient, Triangle};
 use headbox_trace::bvh::Tracer;
 use headbox_trace::light::{LightSample, Lighting, LitPoint};
 use std::ops::ControlFlow;
@@ -51,51 +51,6 @@ fn uniform_sky_lights_floor_exactly() {
         )))
     );
     assert!(scene.sun.is_none());
-}
-
-/// A floor and a post that shades it.
-pub(super) fn floor_and_post(flipped: bool) -> Scene {
-    let mut scene = Scene {
-        materials: vec![Material::default()],
-        ..Scene::default()
-    };
-    let mut quad = |corners: [DVec3; 4]| {
-        let first = scene.positions.len() as u32;
-        scene.positions.extend(corners);
-        for corners in [[0, 1, 2], [0, 2, 3]] {
-            let [a, b, c] = corners.map(|c: u32| first + c);
-            scene.triangles.push(Triangle {
-                vertices: if flipped { [a, c, b] } else { [a, b, c] },
-                material: 0,
-            });
-        }
-    };
-    quad([
-        dvec3(-2.0, 0.0, 2.0),
-        dvec3(2.0, 0.0, 2.0),
-        dvec3(2.0, 0.0, -2.0),
-        dvec3(-2.0, 0.0, -2.0),
-    ]);
-    quad([
-        dvec3(-0.5, 0.0, 0.0),
-        dvec3(0.5, 0.0, 0.0),
-        dvec3(0.5, 1.5, 0.0),
-        dvec3(-0.5, 1.5, 0.0),
-    ]);
-    let sun = Sun {
-        direction: Vec3::new(0.3, 0.8, 0.5).normalize(),
-        ..Sun::default()
-    };
-    let headbox = Headbox {
-        centre: dvec3(0.0, 1.0, 1.5),
-        half_size_m: 0.2,
-    };
-    Scene {
-        sun: Some(sun),
-        sky: Some(Sky::default()),
-        headbox: Some(headbox),
-        ..scene
-    }
 }
 
 /// Baked colours against the estimator at the same points with many more samples: the mean over the

@@ -1,5 +1,5 @@
-//! Sweet Home 3D homes: the plan (`home`) becomes cells and portals (`sweethome`), over the
-//! geometry of an exported OBJ (`export_file`) or of the plan itself (`plain`).
+//! Sweet Home 3D homes: the `plan` becomes cells and portals (`sweethome`, `rooms`, `doors`), over
+//! the geometry of an exported OBJ (`export_file`) or of the plan itself (`plain`).
 
 mod additions;
 mod archive;

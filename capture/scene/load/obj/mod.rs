@@ -1,8 +1,8 @@
 //! OBJ files, with their MTL files.
 //!
 //! `tobj` parses positions (in `f64`, so that coordinates of 1e7 stay exact), merges corners and
-//! splits by material; [`obj_prepare`] removes defects before, [`mtl`] reads
-//! materials, [`super::polygon`] triangulates.
+//! splits by material; [`obj_prepare`] removes defects before, [`mtl`] reads materials,
+//! [`super::polygon`] triangulates.
 //!
 //! The format leaves open:
 //! * `Kd` is linear, vertex colours are sRGB, as most programs write them. In a file whose first
