@@ -157,7 +157,7 @@ fn composite_nearest_sample_first() {
 fn openexr_samples_match_flat_composite() {
     let folder = Path::new(concat!(
         env!("CARGO_MANIFEST_DIR"),
-        "/../../shared/data/openexr_deep/LowResLeftView"
+        "/../../../shared/data/openexr_deep/LowResLeftView"
     ));
     if !folder.is_dir() {
         println!("skipped: no shared/data/openexr_deep");

@@ -11,7 +11,7 @@ use std::sync::Arc;
 fn apartment() -> Option<PathBuf> {
     let path = Path::new(concat!(
         env!("CARGO_MANIFEST_DIR"),
-        "/../../shared/data/apartment"
+        "/../shared/data/apartment"
     ));
     path.is_dir().then(|| path.to_path_buf())
 }

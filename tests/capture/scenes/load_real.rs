@@ -8,8 +8,7 @@ use std::path::PathBuf;
 
 /// Loads a file of the folder of real data; `None` if it is absent.
 fn real(relative: &str, options: &LoadOptions) -> Option<Scene> {
-    let path =
-        PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/data")).join(relative);
+    let path = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data")).join(relative);
     if !path.is_file() {
         println!("skipped: {relative} is absent");
         return None;
