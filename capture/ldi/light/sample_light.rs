@@ -48,6 +48,14 @@ const FIRST_ROUND: f32 = 32.0;
 /// depth pixel; with more, it falls with the root of their number.
 const ENOUGH_LEVELS: f32 = 0.5;
 
+/// Error of the colour of a surface without texture, sRGB levels, above which blotches are visible
+/// and more samples are taken than elsewhere; scaled like [`ENOUGH_LEVELS`]. Textures mask them.
+const BLOTCH_LEVELS: f32 = 1.6;
+
+/// Maximum number of samples of a depth pixel against blotches where its surface fills its window,
+/// as a multiple of the light samples of a depth pixel; in proportion less where it fills less.
+const BLOTCH_SAMPLES: f32 = 4.0;
+
 /// The gathered light samples of a face.
 pub(crate) struct FaceLightSamples {
     /// The gathered light of each surface sample.
@@ -108,6 +116,15 @@ struct FaceLight<'a> {
 
 /// A requested sample of the sun: the index of its surface sample, the point and the sample.
 type SunRequest = (u32, (LitPoint, LightSample));
+
+/// Limits of the number of light samples of a surface sample.
+#[derive(Clone, Copy)]
+struct SampleLimits {
+    /// Maximum for a small error.
+    max: f32,
+    /// Maximum against blotches.
+    blotched: f32,
+}
 
 /// A light sample after its first ray.
 struct PartialSample {
@@ -185,8 +202,11 @@ impl FaceLight<'_> {
         let variances = ClassStatistics::new(&classes, &gathered).variances();
         let pooled = survey.pool(&windows(&blocks), &variances);
         let request = |(i, sample): (usize, &SurfaceSample)| {
-            let max = survey.max_samples(i, light_samples);
-            self.missing_samples(sample, &pooled[survey.index(i)], max)
+            let limits = SampleLimits {
+                max: survey.max_samples(i, light_samples),
+                blotched: BLOTCH_SAMPLES * light_samples * survey.share(i),
+            };
+            self.missing_samples(sample, &pooled[survey.index(i)], limits)
         };
         let requested: Vec<f32> = surfaces
             .samples
@@ -205,8 +225,13 @@ impl FaceLight<'_> {
     }
 
     /// Number of additional samples that bring the error of a colour down to [`ENOUGH_LEVELS`], or
-    /// that bring the samples of the surface sample to `max` if that is fewer.
-    fn missing_samples(&self, sample: &SurfaceSample, pooled: &PooledLight, max: f32) -> f32 {
+    /// without texture at least to [`BLOTCH_LEVELS`], within the limits of each.
+    fn missing_samples(
+        &self,
+        sample: &SurfaceSample,
+        pooled: &PooledLight,
+        limits: SampleLimits,
+    ) -> f32 {
         let lit = SurfaceSample {
             soft: pooled.light,
             ..*sample
@@ -217,9 +242,14 @@ impl FaceLight<'_> {
         let variance = (255.0 * albedo * srgb_slope(shown)).powi(2) * pooled.variance
             / pooled.support.max(1.0);
         let light_samples = self.shader.light_samples() as f32;
-        let needed = light_samples * variance / (ENOUGH_LEVELS * ENOUGH_LEVELS);
+        let needed = |levels: f32| light_samples * variance / (levels * levels);
+        let mut wanted = needed(ENOUGH_LEVELS).min(limits.max);
+        let scene = self.shader.capture.tracer.scene();
+        if scene.paint(sample.primitive).texture().is_none() {
+            wanted = wanted.max(needed(BLOTCH_LEVELS).min(limits.blotched));
+        }
         let taken = pooled.samples / pooled.support.max(1.0);
-        (needed.min(max) - taken).max(0.0)
+        (wanted - taken).max(0.0)
     }
 
     /// Takes the samples of soft light of a round: those of its range for each surface sample.
@@ -467,4 +497,92 @@ fn morton(x: u32, y: u32) -> u32 {
         (c | c << 1) & 0x5555_5555
     };
     spread(x) | spread(y) << 1
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::capture::SceneCapture;
+    use crate::scene_source::SceneSource;
+    use crate::spec::{CaptureSpec, RunOptions};
+    use glam::{DVec3, Vec2, dvec3};
+    use headbox_scene::material::{Material, Texture};
+    use headbox_scene::scene::{Scene, Triangle};
+    use headbox_trace::bvh::Tracer;
+    use headbox_trace::light::Lighting;
+
+    /// Requested samples of a grey surface, without texture and with one, whose light has
+    /// `variance` after one sample per depth pixel of a window of 100.
+    fn requested_samples(variance: f32, share: f32) -> [f32; 2] {
+        let scene = Scene {
+            positions: vec![
+                dvec3(-1.0, 0.0, -2.0),
+                dvec3(1.0, 0.0, -2.0),
+                dvec3(0.0, 1.0, -2.0),
+            ],
+            texcoords: vec![Vec2::ZERO; 3],
+            triangles: [0, 1]
+                .map(|material| Triangle {
+                    vertices: [0, 1, 2],
+                    material,
+                })
+                .to_vec(),
+            materials: vec![
+                Material::default(),
+                Material {
+                    albedo_texture: Some(0),
+                    ..Material::default()
+                },
+            ],
+            textures: vec![Texture::from_fn(2, 2, |_, _| [128; 4])],
+            ..Scene::default()
+        };
+        let tracer = Tracer::new(std::sync::Arc::new(scene), DVec3::ZERO);
+        let lighting = Lighting::unmetered(&tracer, 0);
+        let mut spec = CaptureSpec::new(SceneSource::new("wall"), DVec3::ZERO, 0.5);
+        spec.parameters.light_samples = 4;
+        let options = RunOptions::default();
+        let shader = Shader {
+            capture: SceneCapture::new(&spec, &tracer, &lighting, &options),
+            geometry_only: false,
+        };
+        let light = FaceLight {
+            face: Face::NegZ,
+            shader: &shader,
+            size_px: 32,
+            progress: options.progress,
+        };
+        let pooled = PooledLight {
+            light: Vec3::splat(0.4),
+            variance,
+            samples: 100.0,
+            support: 100.0,
+        };
+        let limits = SampleLimits {
+            max: 1.0,
+            blotched: BLOTCH_SAMPLES * 4.0 * share,
+        };
+        [0, 1].map(|primitive| {
+            let sample = SurfaceSample {
+                primitive,
+                albedo: [32_768; 3],
+                ..bytemuck::Zeroable::zeroed()
+            };
+            light.missing_samples(&sample, &pooled, limits)
+        })
+    }
+
+    #[test]
+    fn blotches_sampled_on_plain_surfaces_only() {
+        // Light of 0.4 on an albedo of one half is shown with 255 * 0.5 * 1.12 levels per unit, so
+        // that a variance of 0.1 over 100 samples is an error of 4.5 levels; 0.8 are wanted.
+        let [plain, textured] = requested_samples(0.1, 1.0);
+        assert_eq!(textured, 0.0, "has its one sample");
+        assert_eq!(plain, 15.0, "the limit");
+        let [plain, _] = requested_samples(0.01, 1.0);
+        assert!((plain - 2.2).abs() < 0.2, "{plain}: by the error");
+        let [plain, _] = requested_samples(0.1, 0.125);
+        assert_eq!(plain, 1.0, "an eighth of the window");
+        assert_eq!(requested_samples(1e-4, 1.0), [0.0; 2], "clean");
+    }
 }

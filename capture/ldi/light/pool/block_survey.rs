@@ -83,6 +83,11 @@ impl<'a> BlockSurvey<'a> {
         self.surface(i).widest
     }
 
+    /// Share of the window of [`SMALL_LEVEL`] that the surface of sample `i` fills, 0..=1.
+    pub(crate) fn share(&self, i: usize) -> f32 {
+        self.surface(i).share.min(1.0)
+    }
+
     /// Approximate width of the pixel of surface sample `i` on its surface, metres.
     pub(crate) fn width_m(&self, i: usize) -> f32 {
         self.surface(i).width_m
