@@ -53,8 +53,9 @@ const ENOUGH_LEVELS: f32 = 0.5;
 const BLOTCH_LEVELS: f32 = 1.6;
 
 /// Maximum number of samples of a depth pixel against blotches where its surface fills its window,
-/// as a multiple of the light samples of a depth pixel; in proportion less where it fills less.
-const BLOTCH_SAMPLES: f32 = 4.0;
+/// as a multiple of the light samples of a depth pixel, for each pixel of the width of a face; in
+/// proportion less where it fills less. So drafts, and the rehearsal of a capture, take no more.
+const BLOTCH_SAMPLES: f32 = 2.5 / 1024.0;
 
 /// The gathered light samples of a face.
 pub(crate) struct FaceLightSamples {
@@ -204,7 +205,7 @@ impl FaceLight<'_> {
         let request = |(i, sample): (usize, &SurfaceSample)| {
             let limits = SampleLimits {
                 max: survey.max_samples(i, light_samples),
-                blotched: BLOTCH_SAMPLES * light_samples * survey.share(i),
+                blotched: self.size_px as f32 * BLOTCH_SAMPLES * light_samples * survey.share(i),
             };
             self.missing_samples(sample, &pooled[survey.index(i)], limits)
         };
@@ -560,7 +561,7 @@ mod tests {
         };
         let limits = SampleLimits {
             max: 1.0,
-            blotched: BLOTCH_SAMPLES * 4.0 * share,
+            blotched: 16.0 * share,
         };
         [0, 1].map(|primitive| {
             let sample = SurfaceSample {
