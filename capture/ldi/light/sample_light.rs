@@ -54,7 +54,8 @@ const BLOTCH_LEVELS: f32 = 1.6;
 
 /// Maximum number of samples of a depth pixel against blotches where its surface fills its window,
 /// as a multiple of the light samples of a depth pixel, for each pixel of the width of a face; in
-/// proportion less where it fills less. So drafts, and the rehearsal of a capture, take no more.
+/// proportion less where it fills less. The rehearsal of a capture, whose faces are narrow, takes
+/// no more samples than without it.
 const BLOTCH_SAMPLES: f32 = 2.5 / 1024.0;
 
 /// The gathered light samples of a face.
@@ -205,7 +206,7 @@ impl FaceLight<'_> {
         let request = |(i, sample): (usize, &SurfaceSample)| {
             let limits = SampleLimits {
                 max: survey.max_samples(i, light_samples),
-                blotched: self.size_px as f32 * BLOTCH_SAMPLES * light_samples * survey.share(i),
+                blotched: self.blotch_limit(survey.share(i)),
             };
             self.missing_samples(sample, &pooled[survey.index(i)], limits)
         };
@@ -223,6 +224,11 @@ impl FaceLight<'_> {
             gathered,
             blocks,
         }
+    }
+
+    /// Maximum number of samples against blotches of a surface that fills `share` of its window.
+    fn blotch_limit(&self, share: f32) -> f32 {
+        BLOTCH_SAMPLES * self.size_px as f32 * self.shader.light_samples() as f32 * share
     }
 
     /// Number of additional samples that bring the error of a colour down to [`ENOUGH_LEVELS`], or
@@ -514,7 +520,7 @@ mod tests {
 
     /// Requested samples of a grey surface, without texture and with one, whose light has
     /// `variance` after one sample per depth pixel of a window of 100.
-    fn requested_samples(variance: f32, share: f32) -> [f32; 2] {
+    fn requested_samples(size_px: u32, variance: f32, share: f32) -> [f32; 2] {
         let scene = Scene {
             positions: vec![
                 dvec3(-1.0, 0.0, -2.0),
@@ -550,7 +556,7 @@ mod tests {
         let light = FaceLight {
             face: Face::NegZ,
             shader: &shader,
-            size_px: 32,
+            size_px,
             progress: options.progress,
         };
         let pooled = PooledLight {
@@ -561,7 +567,7 @@ mod tests {
         };
         let limits = SampleLimits {
             max: 1.0,
-            blotched: 16.0 * share,
+            blotched: light.blotch_limit(share),
         };
         [0, 1].map(|primitive| {
             let sample = SurfaceSample {
@@ -577,13 +583,16 @@ mod tests {
     fn blotches_sampled_on_plain_surfaces_only() {
         // Light of 0.4 on an albedo of one half is shown with 255 * 0.5 * 1.12 levels per unit, so
         // that a variance of 0.1 over 100 samples is an error of 4.5 levels; 0.8 are wanted.
-        let [plain, textured] = requested_samples(0.1, 1.0);
+        let [plain, textured] = requested_samples(1024, 0.1, 1.0);
         assert_eq!(textured, 0.0, "has its one sample");
-        assert_eq!(plain, 15.0, "the limit");
-        let [plain, _] = requested_samples(0.01, 1.0);
+        assert_eq!(plain, 9.0, "the limit of 2.5 times four samples");
+        let [plain, _] = requested_samples(1024, 0.01, 1.0);
         assert!((plain - 2.2).abs() < 0.2, "{plain}: by the error");
-        let [plain, _] = requested_samples(0.1, 0.125);
-        assert_eq!(plain, 1.0, "an eighth of the window");
-        assert_eq!(requested_samples(1e-4, 1.0), [0.0; 2], "clean");
+        let [plain, _] = requested_samples(1024, 0.1, 0.25);
+        assert_eq!(plain, 1.5, "a quarter of the window");
+        let [plain, _] = requested_samples(512, 0.1, 1.0);
+        assert_eq!(plain, 4.0, "half as wide a face");
+        assert_eq!(requested_samples(96, 0.1, 1.0), [0.0; 2], "a rehearsal");
+        assert_eq!(requested_samples(1024, 1e-4, 1.0), [0.0; 2], "clean");
     }
 }
