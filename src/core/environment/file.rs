@@ -5,12 +5,9 @@
 
 use super::Environment;
 use crate::container::{FileError, Section};
-use crate::image::codec;
+use crate::image::{codec, png_chunks};
 use ::image::{DynamicImage, ExtendedColorType};
 use std::io;
-
-/// First bytes of a PNG file.
-const PNG_SIGNATURE: &[u8] = b"\x89PNG\r\n\x1a\n";
 
 /// Largest number of bytes that a byte of a PNG can hold.
 const MAX_COMPRESSION: u64 = 1032;
@@ -35,7 +32,7 @@ impl Environment {
     /// # Errors
     /// [`FileError::Damaged`].
     pub fn from_section(mut section: Section, size_px: u32) -> Result<Self, FileError> {
-        let texels = if section.rest().starts_with(PNG_SIGNATURE) {
+        let texels = if section.rest().starts_with(png_chunks::SIGNATURE) {
             Self::decode_texels(&section, size_px)?
         } else {
             let size = size_px as usize;

@@ -4,6 +4,7 @@
 //! A decoder that panics on a malformed file is a defect of its crate, but no reason to end the
 //! program: [`decode`] turns the panic into [`PictureError::Malformed`].
 
+use super::png_chunks;
 use crate::memory::{self, OverBudget, Reservation};
 use crate::panics;
 use ::image::codecs::png::PngEncoder;
@@ -106,7 +107,11 @@ pub fn read(path: &Path, most_bytes: u64) -> Result<Decoded, PictureError> {
 /// # Errors
 /// [`PictureError`].
 pub fn decode(bytes: &[u8], name: Option<&Path>, most_bytes: u64) -> Result<Decoded, PictureError> {
-    if let Some(length) = png_palette_length(bytes).filter(|length| length % 3 != 0) {
+    let palette = png_chunks::chunks(bytes).find(|(kind, _)| kind == b"PLTE");
+    if let Some((_, palette)) = palette
+        && palette.len() % 3 != 0
+    {
+        let length = palette.len();
         let cause = format!("the palette has {length} bytes, not three for each colour");
         return Err(PictureError::Malformed(cause));
     }
@@ -164,20 +169,6 @@ fn decode_pixels(
         }
     };
     panics::catch(decode).unwrap_or_else(|panic| Err(PictureError::Malformed(panic)))
-}
-
-/// Returns the length of a PNG file's palette, bytes.
-fn png_palette_length(bytes: &[u8]) -> Option<usize> {
-    let mut rest = bytes.strip_prefix(b"\x89PNG\r\n\x1a\n")?;
-    loop {
-        let (length, after) = rest.split_first_chunk::<4>()?;
-        let length = u32::from_be_bytes(*length) as usize;
-        if after.starts_with(b"PLTE") {
-            return Some(length);
-        }
-        // Length, kind and checksum have four bytes each.
-        rest = rest.get(length.saturating_add(12)..)?;
-    }
 }
 
 /// Returns true if a JPEG file lacks its end. Its decoder passes over that; those of other formats
@@ -339,7 +330,7 @@ mod tests {
         let mut file = png(&[0; 4], 1, 1, ExtendedColorType::Rgba8).expect("fits");
         // Width and height in the header, whose checksum is mended.
         file[16..24].copy_from_slice(&[0, 1, 0, 0, 0, 1, 0, 0]);
-        let checksum = crc32(&file[12..29]);
+        let checksum = crc32fast::hash(&file[12..29]);
         file[29..33].copy_from_slice(&checksum.to_be_bytes());
         assert!(matches!(
             decode(&file, None, MAX_BYTES),
@@ -351,7 +342,7 @@ mod tests {
     fn palette_of_four_bytes_is_refused() {
         let mut file = png(&[0; 4], 1, 1, ExtendedColorType::Rgba8).expect("fits");
         let palette = b"\0\0\0\x04PLTE\0\0\0\0";
-        let checksum = crc32(&palette[4..]).to_be_bytes();
+        let checksum = crc32fast::hash(&palette[4..]).to_be_bytes();
         file.splice(33..33, [&palette[..], &checksum].concat());
         let error = decode(&file, None, MAX_BYTES).expect_err("is malformed");
         assert!(error.to_string().contains("4 bytes"), "{error}");
@@ -385,14 +376,5 @@ mod tests {
         let file = png(&[0; 4], 1, 1, ExtendedColorType::Rgba8).expect("fits");
         assert!(decode(&file[..file.len() - 12], None, MAX_BYTES).is_err());
         assert_eq!(decode(&file, None, MAX_BYTES).expect("whole").damage, None);
-    }
-
-    fn crc32(bytes: &[u8]) -> u32 {
-        let step = |crc: u32, byte: &u8| {
-            (0..8).fold(crc ^ u32::from(*byte), |crc, _| {
-                (crc >> 1) ^ (0xedb8_8320 & (crc & 1).wrapping_neg())
-            })
-        };
-        !bytes.iter().fold(u32::MAX, step)
     }
 }

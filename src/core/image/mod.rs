@@ -1,4 +1,4 @@
-//! Images in memory: decoding and encoding, channels of EXR by name, EXIF orientation, mip
+//! Images in memory: decoding and encoding, channels of EXR by name, chunks of PNG, EXIF orientation, mip
 //! pyramids, bilinear samples, and the pixels that a triangle covers.
 
 pub mod codec;
@@ -6,5 +6,6 @@ pub mod exr_channels;
 mod ktx2;
 pub mod mip;
 pub mod orientation;
+pub mod png_chunks;
 pub mod texels;
 pub mod triangle_scan;

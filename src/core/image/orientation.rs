@@ -1,5 +1,6 @@
 //! Orientation of photographs by the EXIF tag of their files: phones store portraits on their side.
 
+use super::png_chunks;
 pub use ::image::metadata::Orientation;
 use ::image::{ImageDecoder, ImageReader};
 use std::fs::File;
@@ -19,7 +20,7 @@ pub fn read(path: &Path) -> Orientation {
         file.read_exact(&mut start)?;
         if start.starts_with(b"\xff\xd8") {
             Ok(find_in_jpeg(&mut file)?.and_then(|exif| Orientation::from_exif_chunk(&exif)))
-        } else if start == *b"\x89PNG\r\n\x1a\n" {
+        } else if start == *png_chunks::SIGNATURE {
             Ok(find_in_png(&mut file)?.and_then(|exif| Orientation::from_exif_chunk(&exif)))
         } else if start.starts_with(b"RIFF") || start.starts_with(b"II") || start.starts_with(b"MM")
         {
@@ -188,7 +189,7 @@ mod tests {
                 [&(data.len() as u32).to_be_bytes(), kind, data, &[0; 4]].concat()
             };
             let png = [
-                b"\x89PNG\r\n\x1a\n".as_slice(),
+                png_chunks::SIGNATURE,
                 &chunk(b"IDAT", &[0; 9]),
                 &chunk(b"eXIf", &exif),
             ]
