@@ -3,7 +3,7 @@
 use super::args::StrictArgs;
 use super::messages::{UsageError, escape_controls, join_lines};
 use headbox_core::files;
-use headbox_core::image::codec;
+use headbox_core::image::{codec, png_chunks};
 use headbox_core::memory;
 use headbox_export::film;
 use headbox_scene::scene::Scene;
@@ -322,6 +322,15 @@ pub(super) fn cannot_write(path: &Path, error: std::io::Error) -> anyhow::Error 
 
 /// Saves an image, completely or not at all, in the format of its extension; PNG without one.
 pub(super) fn save_picture(path: &Path, image: &image::RgbImage) -> anyhow::Result<()> {
+    save_picture_with_text(path, image, None)
+}
+
+/// Writes an image as [`save_picture`] does; if it is a PNG, with a keyword and a text.
+pub(super) fn save_picture_with_text(
+    path: &Path,
+    image: &image::RgbImage,
+    text: Option<(&str, &str)>,
+) -> anyhow::Result<()> {
     /// Visually lossless.
     const JPEG_QUALITY: u8 = 95;
     let format = image::ImageFormat::from_path(path).unwrap_or(image::ImageFormat::Png);
@@ -335,7 +344,11 @@ pub(super) fn save_picture(path: &Path, image: &image::RgbImage) -> anyhow::Resu
                     height,
                     image::ExtendedColorType::Rgb8,
                 );
-                return w.write_all(&png.map_err(std::io::Error::other)?);
+                let mut png = png.map_err(std::io::Error::other)?;
+                if let Some((keyword, text)) = text {
+                    png_chunks::add_text(&mut png, keyword, text);
+                }
+                return w.write_all(&png);
             }
             image::ImageFormat::Jpeg => {
                 JpegEncoder::new_with_quality(w, JPEG_QUALITY).encode_image(image)

@@ -2,7 +2,7 @@
 //! or none.
 
 use crate::capture::capture_cli::{CAPTURE, capture};
-use crate::run::{headbox, json, refused, succeeds};
+use crate::run::{headbox, json, outputs, refused, succeeds};
 use std::process::{Child, Command, Stdio};
 
 #[test]
@@ -314,13 +314,26 @@ fn every_command_prints_json() {
         dir.path(),
         &["compare", "t.png", "r.png", "--map", "m.png", "--json"],
     );
-    for key in ["flip", "psnr_db", "ssim", "differing_fraction"] {
+    for key in [
+        "flip",
+        "psnr_db",
+        "ssim",
+        "differing_fraction",
+        "reference_standard_error_psnr_db",
+    ] {
         assert!(compared[key].is_number(), "compare: {key}");
     }
     assert!(
         compared["psnr_db"].as_f64().unwrap() > 18.0,
         "a coarse capture still looks like its scene: {compared}"
     );
+    let (_, noted) = outputs(dir.path(), &["compare", "t.png", "r.png"]);
+    assert!(
+        noted.contains("the reference has noise of its own"),
+        "{noted}"
+    );
+    let (_, noted) = outputs(dir.path(), &["compare", "r.png", "t.png"]);
+    assert_eq!(noted, "", "a frame does not store its noise");
     let same = json(dir.path(), &["compare", "t.png", "t.png", "--json"]);
     assert!(same["psnr_db"].is_null() && same["flip"] == 0.0 && same["differing_fraction"] == 0.0);
 }

@@ -7,7 +7,7 @@ use crate::args::{CameraArgs, DefaultCamera, SceneArgs, StrictArgs, parse_sides,
 use crate::commands::render::radiance::{is_radiance, save_radiance};
 use crate::interrupt;
 use crate::messages::UsageError;
-use crate::output::{FRAME, Outputs, output_name, peak_rss_mb, print_json, save_picture};
+use crate::output::{FRAME, Outputs, output_name, peak_rss_mb, print_json, save_picture_with_text};
 use crate::progress::{Bar, duration};
 use anyhow::{Context, anyhow};
 use clap::Args;
@@ -37,8 +37,8 @@ pub(crate) struct TruthCommand {
     scene: SceneArgs,
     #[command(flatten)]
     strict: StrictArgs,
-    /// Image to write: .png, .jpg, .webp, .tif, .bmp or .tga, or linear radiance, .exr; `-` for
-    /// standard output (PNG); with --images a folder
+    /// Image to write: .png, in which `compare` finds its standard error, .jpg, .webp, .tif, .bmp or
+    /// .tga, or linear radiance, .exr; `-` for standard output (PNG); with --images a folder
     #[arg(short, long)]
     output: PathBuf,
     /// Write a folder of images with depth instead, an image set for capture, render, view and
@@ -73,6 +73,9 @@ const MAX_SAMPLES: u32 = 1 << 20;
 
 /// Rays per pixel if nothing is specified.
 const DEFAULT_SAMPLES: u32 = 256;
+
+/// Keyword of the text in a PNG file that holds the standard error of a truth, dB (PSNR).
+pub(crate) const NOISE_KEYWORD: &str = "headbox standard error dB";
 
 /// A lit scene and the camera that looks at it.
 struct Subject {
@@ -109,14 +112,16 @@ impl TruthCommand {
         let sum = self.trace(&camera, &scene, start);
         let rays_s = rays_start.elapsed().as_secs_f64();
         let truth = sum.truth(&scene.lighting);
+        let error_db = truth.standard_error_psnr_db;
+        let known = error_db.is_finite().then_some(error_db);
         if is_radiance(&self.output) {
             let size = (truth.frame.width, truth.frame.height);
             save_radiance(&self.output, size, &truth.radiance)?;
         } else {
-            save_picture(&self.output, &truth.rgb())?;
+            let text = known.map(|error_db| format!("{error_db:.2}"));
+            let text = text.as_deref().map(|text| (NOISE_KEYWORD, text));
+            save_picture_with_text(&self.output, &truth.rgb(), text)?;
         }
-        let error_db = truth.standard_error_psnr_db;
-        let known = error_db.is_finite().then_some(error_db);
         self.print_result(
             start,
             &describe_noise(sum.samples(), rays_s, error_db),
