@@ -69,7 +69,7 @@ pub enum LoadError {
         path: PathBuf,
     },
     /// The extension is not that of a supported portal model.
-    #[error("{}: unknown home format; use a .toml, Home.xml or .sh3d file, or builtin:house", path.display())]
+    #[error("{}: {}", path.display(), unknown_home(path))]
     UnknownModel {
         /// The file.
         path: PathBuf,
@@ -126,6 +126,15 @@ impl LoadError {
             cause: cause.into(),
         }
     }
+}
+
+/// Describes an unsupported home format, and names a home that lies beside the file.
+fn unknown_home(path: &Path) -> String {
+    let beside = path.with_file_name("Home.xml");
+    if beside.is_file() {
+        return format!("not a home; use {}, which lies beside it", beside.display());
+    }
+    "unknown home format; use a .toml, Home.xml or .sh3d file, or builtin:house".into()
 }
 
 /// Explains why a file that is not a supported scene is refused.

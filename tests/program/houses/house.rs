@@ -289,8 +289,14 @@ fn mistakes_are_named() {
         "the ending of a plan is .svg",
     );
     says(1, &["nowhere.toml"], "nowhere.toml: No such file");
-    says(1, &["plan.obj"], "unknown home format");
+    says(1, &["other/plan.obj"], "unknown home format");
     says(1, &["Home.xml"], "Home.xml: ");
+    std::fs::write(dir.path().join("home.obj"), "").unwrap();
+    says(
+        1,
+        &["home.obj"],
+        "home.obj: not a home; use Home.xml, which lies beside it",
+    );
 }
 
 /// An unlit frame of baked light equals lit truth, except for shadows finer than the vertices.
