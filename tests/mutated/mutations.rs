@@ -79,10 +79,23 @@ const BUDGET_BYTES: u64 = 256 << 20;
 /// accumulator store for the largest allowed face (8,192 px), some tens of MiB; a picture may take
 /// the budget. An unchecked count would request gigabytes.
 const MOST_BYTES: usize = 256 << 20;
-/// Kinds of files that hold uncompressed what they declare.
-const PLAIN: [&str; 5] = ["a.obj", "a.ply", "a.stl", "a.glb", "a.npy"];
-/// Maximum size of a single allocation for a plain file, as a multiple of its size, beside
-/// [`SMALL_BYTES`].
+/// Kinds of files whose readers allocate in proportion to the file: geometry, also compressed, and
+/// uncompressed images. Other images have no such bound: a valid PNG may expand 1032 times, a blank
+/// row of a TIFF (CCITT G4) has one bit, and a WebP of one colour has the same size at any width.
+const PROPORTIONAL: [&str; 10] = [
+    "a.obj",
+    "a.ply",
+    "a.stl",
+    "a.glb",
+    "chunks.glb",
+    "draco.glb",
+    "meshopt.glb",
+    "a.npy",
+    "a.bin",
+    "encodings",
+];
+/// Maximum size of a single allocation for these, as a multiple of the size of all files of the
+/// case, beside [`SMALL_BYTES`].
 const MOST_TIMES: usize = 10;
 /// Size up to which allocations do not depend on the file: buffers of readers and threads.
 const SMALL_BYTES: usize = 64 << 10;
@@ -247,9 +260,8 @@ fn run_reader(kind: &str, seed: u64, folder: &Path, read: impl Fn(&Path) -> bool
     let elapsed = started.elapsed();
     *running() = None;
     let largest = LARGEST.load(Ordering::Relaxed);
-    let most = if PLAIN.contains(&kind) {
-        let file = std::fs::metadata(folder.join(kind)).expect("written");
-        SMALL_BYTES + MOST_TIMES * file.len() as usize
+    let most = if PROPORTIONAL.contains(&kind) {
+        SMALL_BYTES + MOST_TIMES * folder_bytes(folder)
     } else {
         MOST_BYTES
     };
@@ -263,6 +275,14 @@ fn run_reader(kind: &str, seed: u64, folder: &Path, read: impl Fn(&Path) -> bool
     };
     let kept = keep(kind, seed, folder);
     panic!("{kind}, seed {seed}: {fault}; kept as {}", kept.display());
+}
+
+/// Returns the size of all files in a folder, bytes.
+fn folder_bytes(folder: &Path) -> usize {
+    let files = std::fs::read_dir(folder).expect("a folder").flatten();
+    files
+        .map(|file| file.metadata().expect("written").len() as usize)
+        .sum()
 }
 
 /// Start, kind, seed and folder of the reader that is running.
