@@ -56,7 +56,8 @@ const EXAMPLES: [(&str, &str); 18] = [
          headbox render room.ldi -o frame.jpg --eye 0.1,1.6,0 --look-at 2,1,0 --size 1920x1080\n  \
          headbox render scans/kitchen -o frame.png --variant geometry-averaged     folder of images with depth, without a capture\n  \
          headbox render home.house --path walk.json -o frames     one frame per pose, and frame times\n  \
-         headbox render room.ldi --path walk.json -o walk.mp4 --panorama    a film, here equirectangular\n  \
+         headbox render room.ldi -o room.mp4                      a film: the eye moves about in the headbox\n  \
+         headbox render room.ldi --path walk.json -o walk.mp4 --panorama    along a path, equirectangular\n  \
          headbox render room.ldi -o - | display                   pipe a PNG to another program",
     ),
     (

@@ -10,6 +10,7 @@ use crate::tour::Tour;
 use crate::variant::HouseVariant;
 use crate::walk_path::WalkPath;
 use glam::{DVec2, DVec3};
+use headbox_core::camera::Camera;
 use headbox_core::file_frame::FileFrame;
 use headbox_core::frame::Frame;
 use headbox_core::view::paint::{figure, hole_legend, paint_holes, swatch};
@@ -186,6 +187,19 @@ impl View for HouseView {
 
     fn default_size_px(&self) -> [u32; 2] {
         self.size_px
+    }
+
+    /// Walks through all rooms, wherever `first` stands.
+    fn film_path(&self, first: &Camera, fps: u32) -> Option<Vec<Camera>> {
+        let walk = WalkPath {
+            size: [first.width(), first.height()],
+            fov_y_deg: first.fov_y_deg(),
+            ..WalkPath::default()
+        };
+        let seconds = walk.length_m(self.house()) / self.speed_m_per_s();
+        let poses = 1 + (seconds * f64::from(fps)) as usize;
+        let cameras = WalkPath { poses, ..walk }.cameras(self.house()).ok()?;
+        (cameras.len() > 1).then_some(cameras)
     }
 
     fn navigation(&self) -> Navigation {

@@ -18,6 +18,7 @@ pub use setting::{Control, Setting, SettingError, SettingValue, SettingValues};
 /// Statistics of a frame, as JSON.
 pub use serde_json::Value as Statistics;
 
+use crate::camera::Camera;
 use crate::file_frame::FileFrame;
 use crate::headbox::Headbox;
 use crate::light_parameters::LightParameters;
@@ -39,6 +40,13 @@ pub trait View: Any + Send {
     /// Headbox from which the view is meant to be seen; `None` if nothing bounds the eye.
     fn headbox(&self) -> Option<Headbox> {
         None
+    }
+
+    /// Cameras of a film for which no path is given, `fps` a second: by default a loop of six
+    /// seconds about `first` in the headbox. `None` if the view has no such path.
+    fn film_path(&self, first: &Camera, fps: u32) -> Option<Vec<Camera>> {
+        const SECONDS: usize = 6;
+        self.headbox()?.camera_loop(first, SECONDS * fps as usize)
     }
 
     /// Navigation mode in a window.

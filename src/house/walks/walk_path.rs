@@ -106,6 +106,14 @@ impl WalkPath {
         (0..self.poses).map(pose).collect()
     }
 
+    /// Returns the length of the walk, metres.
+    pub fn length_m(&self, house: &House) -> f64 {
+        let (line, _) = self.line(house.plan());
+        line.windows(2)
+            .map(|pair| (pair[1] - pair[0]).length())
+            .sum()
+    }
+
     /// Returns the first camera of a walk, if there is room to stand: the default view of a house.
     ///
     /// # Errors

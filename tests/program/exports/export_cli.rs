@@ -383,6 +383,51 @@ fn stereo_panoramas_cover_all_or_half_directions() {
     );
 }
 
+#[test]
+fn films_without_path_move_in_headbox_or_walk_through_house() {
+    let dir = tempfile::tempdir().unwrap();
+    capture(dir.path());
+    let film = |arguments: &[&str]| {
+        let arguments = [&["render"], arguments, &["--size", "40x32", "--json"]].concat();
+        json(dir.path(), &arguments)["frames"].as_u64().unwrap()
+    };
+    assert_eq!(film(&["a.ldi", "-o", "a.gif", "--fps", "2"]), 12);
+    let file = std::fs::File::open(dir.path().join("a.gif")).unwrap();
+    let decoder = image::codecs::gif::GifDecoder::new(std::io::BufReader::new(file)).unwrap();
+    let frames = image::AnimationDecoder::into_frames(decoder);
+    let frames: Vec<_> = frames.map(|frame| frame.unwrap().into_buffer()).collect();
+    assert_ne!(frames[0], frames[6], "the two ends of the loop");
+    let refused = |arguments: &[&str], expected| {
+        fails(dir.path(), 2, &[&["render"], arguments].concat(), expected);
+    };
+    refused(
+        &["a.ldi", "-o", "a.gif", "--eye", "99,0,0"],
+        "leave out --eye",
+    );
+    refused(&["a.ldi", "-o", "a.gif", "--repeat", "3"], "not for a film");
+    refused(
+        &["a.ldi", "-o", "a.png", "--fps", "3"],
+        "--fps is for films",
+    );
+    let house = [
+        "house",
+        "builtin:house",
+        "--triangles",
+        "2000",
+        "--rays",
+        "0",
+        "--unlit",
+    ];
+    let output = ["--backdrops", "none", "-o", "a.house"];
+    succeeds(dir.path(), &[house.as_slice(), &output].concat());
+    let poses = film(&["a.house", "-o", "walk.gif", "--fps", "1"]);
+    assert!((20..200).contains(&poses), "{poses} poses at 1.4 m/s");
+    refused(
+        &["a.house", "-o", "walk.gif", "--eye", "0,0,0"],
+        "--eye has no meaning",
+    );
+}
+
 /// Homes and lumigraphs can only be exported as pages, which are deterministic.
 #[test]
 fn homes_and_lumigraphs_export_only_as_pages() {

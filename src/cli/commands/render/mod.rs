@@ -52,19 +52,20 @@ pub(crate) struct RenderCommand {
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
     /// Output image (.png, .jpg, .webp, .tif, .bmp or .tga; `-` for PNG on standard output; of an
-    /// .ldi also .exr with linear radiance); with --path a folder for frames and times.csv, or a
-    /// film (.mp4 or .webm, which need ffmpeg, .apng or .gif)
+    /// .ldi also .exr with linear radiance); a film (.mp4 or .webm, which need ffmpeg, .apng or .gif);
+    /// or with --path a folder for frames and times.csv
     #[arg(short, long)]
     output: PathBuf,
     #[command(flatten)]
     camera: CameraArgs,
     /// Render one frame per pose of this file: JSON poses of the window or of nerfstudio's viewer,
-    /// or animated cameras of a .gltf or .glb, as exported by Blender
+    /// or animated cameras of a .gltf or .glb, as exported by Blender. Without it a film of an .ldi
+    /// moves about the eye inside the headbox, one of a .house walks through all rooms
     #[arg(long, value_name = "PATH")]
     path: Option<PathBuf>,
     /// Frame rate of a film, and sampling rate of an animation in --path, frames per second, 1 to
     /// 240; that of the times in PATH for films, else 30, by default
-    #[arg(long, requires = "path", value_parser = clap::value_parser!(u32).range(1..=240))]
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=240))]
     fps: Option<u32>,
     /// Render both eyes side by side at this distance, metres, 0.064 for people; with --panorama
     /// one above the other
@@ -118,9 +119,14 @@ fn refuse_unknown_variant(name: &str) -> Result<(), UsageError> {
 impl RenderCommand {
     pub(crate) fn run(&self) -> anyhow::Result<()> {
         let outputs = Outputs::new(self.json, self.files.iter().chain(&self.path));
+        let is_film = film::is_film(&self.output);
+        if is_film && let Some(flag) = self.still_flag() {
+            bail_usage!("{flag} is for a single frame, not for a film");
+        }
         match &self.path {
-            Some(_) if film::is_film(&self.output) => outputs.file(&self.output, &FILM)?,
+            _ if is_film => outputs.file(&self.output, &FILM)?,
             Some(_) => outputs.frame_folder(&self.output)?,
+            None if self.fps.is_some() => bail_usage!("--fps is for films and for --path"),
             None => {
                 let outputs = outputs
                     .file(&self.output, &FRAME)?
@@ -138,7 +144,7 @@ impl RenderCommand {
                     f64::from(self.fps()),
                 )?)?;
                 renderer.warn_if_outside(&cameras);
-                if film::is_film(&self.output) {
+                if is_film {
                     self.render_film(&mut renderer, &cameras, self.film_fps(path, &frame)?)
                 } else {
                     self.render_path(&mut renderer, &cameras)
@@ -147,6 +153,10 @@ impl RenderCommand {
             None => {
                 let default = DefaultCamera::from_view(&*renderer.view, self.camera.size);
                 let camera = self.camera.camera(&frame, &default)?;
+                if is_film {
+                    let cameras = self.film_path(&*renderer.view, &camera)?;
+                    return self.render_film(&mut renderer, &cameras, self.fps());
+                }
                 renderer.warn_if_outside(&[camera]);
                 self.render_one(&mut renderer, &camera)
             }
@@ -197,6 +207,18 @@ impl RenderCommand {
             bail_usage!("--exposure is for pictures; an .exr holds the light itself");
         }
         Ok(ViewRenderer::new(view, values))
+    }
+
+    /// Name of an option given that has a meaning for a single frame only.
+    fn still_flag(&self) -> Option<&'static str> {
+        let flags = [
+            ("--depth", self.depth.is_some()),
+            ("--coverage", self.coverage.is_some()),
+            ("--repeat", self.repeat > 1),
+        ];
+        flags
+            .into_iter()
+            .find_map(|(flag, is_given)| is_given.then_some(flag))
     }
 
     /// Frame rate at which an animation is sampled, frames per second.

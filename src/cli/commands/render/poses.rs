@@ -1,6 +1,7 @@
 //! `headbox render --path`: a film, or one picture per pose.
 
 use super::RenderCommand;
+use crate::args::refuse_given;
 use crate::commands::render::FIGURES;
 use crate::commands::render::view_renderer::{Planes, ViewRenderer};
 use crate::output::{print_json, save_picture, write_text};
@@ -11,6 +12,7 @@ use headbox_core::file_frame::FileFrame;
 use headbox_core::progress::Progress;
 use headbox_core::simd;
 use headbox_core::statistics::median;
+use headbox_core::view::View;
 use headbox_export::film;
 use headbox_export::film::stereo::View as Projection;
 use headbox_scene::camera_path;
@@ -32,6 +34,24 @@ impl RenderCommand {
                 .clamp(1.0, 240.0) as u32
         });
         Ok(self.fps.or(from_times).unwrap_or_else(|| self.fps()))
+    }
+
+    /// Cameras of a film without `--path`: about the eye of `first` in the headbox, or through all
+    /// rooms of a house.
+    pub(super) fn film_path(&self, view: &dyn View, first: &Camera) -> anyhow::Result<Vec<Camera>> {
+        let places = self.camera.given_flags().into_iter().take(3);
+        if view.plan().is_some() {
+            refuse_given("a film of a house, which walks through its rooms", places)?;
+        }
+        if let Some(cameras) = view.film_path(first, self.fps()) {
+            return Ok(cameras);
+        }
+        if view.headbox().is_some() {
+            bail_usage!(
+                "the eye is not inside the headbox, so that it cannot move about in it; leave out --eye or give --path"
+            );
+        }
+        bail_usage!("a film of this input needs a camera path: give --path");
     }
 
     pub(super) fn render_film(
