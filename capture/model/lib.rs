@@ -21,10 +21,8 @@ pub use polygon::Shape;
 
 use box_tree::{BoxTree, bounds_of, contains};
 use glam::{DVec2, DVec3};
-use headbox_core::headbox::Headbox;
 use headbox_scene::scene::Scene;
 use headbox_trace::bvh::Tracer;
-use headbox_trace::viewpoint::EYE_HEIGHT_M;
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -260,26 +258,6 @@ impl PortalModel {
             [true, false] => Side::Front,
             [false, true] => Side::Back,
             _ => Side::Any,
-        }
-    }
-
-    /// Places a headbox at a standing position in the largest room if the scene has none; exposure
-    /// is metered there.
-    pub(crate) fn suggest_headbox(&mut self) {
-        const HALF_SIZE_M: f64 = 0.4;
-        let area = |prism: &Prism| doubled_area(&prism.outline).abs();
-        let rooms = self.cells.iter().flat_map(|cell| &cell.space);
-        let Some(largest) = rooms.max_by(|a, b| area(a).total_cmp(&area(b))) else {
-            return;
-        };
-        let middle = largest.outline.iter().sum::<DVec2>() / largest.outline.len().max(1) as f64;
-        let height = (largest.ceiling_y - largest.floor_y).min(2.0 * EYE_HEIGHT_M) / 2.0;
-        let centre = DVec3::new(middle.x, largest.floor_y + height, middle.y);
-        if self.scene.headbox.is_none() && largest.contains(centre) {
-            self.scene.headbox = Some(Headbox {
-                centre,
-                half_size_m: HALF_SIZE_M,
-            });
         }
     }
 }

@@ -32,7 +32,6 @@ impl LoadedModel {
     /// Repairs a model whose triangles are assigned; `found` are earlier findings.
     fn new(mut model: PortalModel, found: Vec<Finding>) -> Self {
         let joined = model.join_leaking_cells();
-        model.suggest_headbox();
         let mut findings = model.repair();
         findings.extend(found.into_iter().chain(joined));
         findings.extend(model.find_coplanar());

@@ -1,6 +1,8 @@
 //! Warnings about a requested headbox, with a better one.
 
-use super::place::{TRIES, seeded_place, suggest_half_size, suggest_headbox};
+use super::place::{
+    EYE_HEIGHT_M, TRIES, find_floor, seeded_place, suggest_half_size, suggest_headbox,
+};
 use super::{Surroundings, cast, look_around, spread_direction};
 use crate::bvh::Tracer;
 use glam::DVec3;
@@ -23,6 +25,10 @@ const MIN_VISIBLE: f64 = 0.01;
 /// distance to the nearest surface.
 const SMALL_SHARE: f64 = 0.2;
 
+/// Half-size that fits, relative to that at the suggested place, below which a place is cramped:
+/// between the panes of a window, or just outside a wall.
+const CRAMPED_SHARE: f64 = 0.1;
+
 /// Flaw of a requested headbox.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum HeadboxFlaw {
@@ -34,6 +40,8 @@ pub enum HeadboxFlaw {
     SurfacesInside,
     /// The box is much smaller than the free space around its centre.
     TooSmall,
+    /// The space around the centre is much narrower than usual in the scene.
+    Cramped,
 }
 
 /// Flaw of a requested headbox, and a better headbox.
@@ -62,6 +70,8 @@ pub fn check_headbox(tracer: &Tracer, headbox: &Headbox) -> Option<HeadboxWarnin
         HeadboxFlaw::SurfacesInside
     } else if headbox.half_size_m < SMALL_SHARE * fitting_m {
         HeadboxFlaw::TooSmall
+    } else if fitting_m < CRAMPED_SHARE * suggest_half_size(tracer, reference) {
+        HeadboxFlaw::Cramped
     } else {
         return None;
     };
@@ -109,7 +119,8 @@ fn has_surfaces_inside(tracer: &Tracer, headbox: &Headbox) -> bool {
 }
 
 /// Returns the place nearest to `wanted` that is as free and as enclosed as usual, of seeded places
-/// in the scene and around `wanted`.
+/// in the scene and around `wanted`: where a person can stand, at the height of the eyes; else
+/// anywhere.
 fn nearest_place(
     tracer: &Tracer,
     wanted: DVec3,
@@ -125,21 +136,26 @@ fn nearest_place(
             && around.enclosed >= 0.5 * usual.enclosed
             && !is_inside_solid(&around, usual)
     };
-    (0..2 * TRIES)
-        .into_par_iter()
-        .map(|i| {
-            if i % 2 == 0 {
-                (i, seeded_place(i, low, high))
-            } else {
-                (i, seeded_place(i, wanted - reach, wanted + reach))
-            }
-        })
-        .filter(|(_, place)| is_good(place))
-        .min_by(|(i, a), (j, b)| {
-            let order = a.distance(wanted).total_cmp(&b.distance(wanted));
-            order.then(i.cmp(j))
-        })
-        .map(|(_, place)| place)
+    let seeded = |i: u32| {
+        if i % 2 == 0 {
+            seeded_place(i, low, high)
+        } else {
+            seeded_place(i, wanted - reach, wanted + reach)
+        }
+    };
+    let standing = |place: DVec3| Some(find_floor(tracer, place)? + DVec3::Y * EYE_HEIGHT_M);
+    let nearest = |candidate: &(dyn Fn(DVec3) -> Option<DVec3> + Sync)| {
+        (0..2 * TRIES)
+            .into_par_iter()
+            .filter_map(|i| Some((i, candidate(seeded(i))?)))
+            .filter(|(_, place)| is_good(place))
+            .min_by(|(i, a), (j, b)| {
+                let order = a.distance(wanted).total_cmp(&b.distance(wanted));
+                order.then(i.cmp(j))
+            })
+            .map(|(_, place)| place)
+    };
+    nearest(&standing).or_else(|| nearest(&Some))
 }
 
 impl HeadboxWarning {
@@ -155,6 +171,9 @@ impl HeadboxWarning {
             }
             HeadboxFlaw::TooSmall => {
                 "the headbox is much smaller than the free space around its centre"
+            }
+            HeadboxFlaw::Cramped => {
+                "there is hardly any free space around the centre of the headbox"
             }
         };
         if self.better.centre == self.requested.centre {

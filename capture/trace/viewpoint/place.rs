@@ -38,9 +38,12 @@ const SHORTLIST: usize = 64;
 const MIN_CLEARANCE_SHARE: f64 = 0.05;
 /// Minimum fraction of standing positions under a level ceiling in a scene that has rooms.
 const MIN_COVERED: f64 = 0.05;
-/// Minimum fraction of standing positions near detail under a level ceiling in a scene of rooms on
-/// large grounds.
-const MIN_COVERED_NEAR_DETAIL: f64 = 0.5;
+/// Minimum fraction of standing positions near detail in rooms, in a scene of rooms on large
+/// grounds.
+const MIN_ROOMS_NEAR_DETAIL: f64 = 0.2;
+/// Minimum fraction of directions with surfaces at a covered position that is in a room, and not
+/// under a tree or a bridge.
+const ROOM_ENCLOSED: f64 = 0.9;
 /// Minimum fraction of directions with surfaces inside a room; fewer means next to objects.
 const MIN_ENCLOSED: f64 = 0.75;
 /// Minimum fraction of visible back faces inside a solid.
@@ -214,13 +217,24 @@ fn standing_place(tracer: &Tracer) -> Option<DVec3> {
         let ceiling = cast(tracer, **floor + DVec3::Y * 0.4, Vec3::Y);
         ceiling.is_some_and(|hit| tracer.scene().geometric_normal(hit.primitive).y.abs() > 0.7)
     };
-    // Rooms come before the roof above them, which is emptier and often larger.
-    let is_mostly_covered = |floors: &[DVec3], share: f64| {
-        let covered = floors.iter().filter(is_covered).count();
-        covered > 0 && covered as f64 >= share * floors.len() as f64
+    let is_in_room = |floor: &&DVec3| {
+        let eye = **floor + DVec3::Y * EYE_HEIGHT_M;
+        is_covered(floor) && look_around(tracer, eye).enclosed >= ROOM_ENCLOSED
     };
-    let has_rooms = is_mostly_covered(&anywhere, MIN_COVERED)
-        || is_mostly_covered(&near_detail, MIN_COVERED_NEAR_DETAIL);
+    // Rooms come before the roof above them, which is emptier and often larger, and before the
+    // ground around them.
+    let is_share = |count: usize, floors: &[DVec3], share: f64| {
+        count > 0 && count as f64 >= share * floors.len() as f64
+    };
+    let has_rooms = is_share(
+        anywhere.iter().filter(is_covered).count(),
+        &anywhere,
+        MIN_COVERED,
+    ) || is_share(
+        near_detail.iter().filter(is_in_room).count(),
+        &near_detail,
+        MIN_ROOMS_NEAR_DETAIL,
+    );
     let floors: Vec<DVec3> = anywhere
         .iter()
         .chain(&near_detail)
@@ -292,7 +306,7 @@ pub(super) fn place_in_front(tracer: &Tracer) -> DVec3 {
 }
 
 /// Returns the floor below a position, if a person can stand there.
-fn find_floor(tracer: &Tracer, place: DVec3) -> Option<DVec3> {
+pub(super) fn find_floor(tracer: &Tracer, place: DVec3) -> Option<DVec3> {
     let down = cast(tracer, place, Vec3::NEG_Y)?;
     let floor = place - DVec3::Y * f64::from(down.t);
     let is_flat = tracer.scene().geometric_normal(down.primitive).y.abs() > 0.9;

@@ -222,15 +222,15 @@ fn half_size_shrinks_with_fewer_rays() {
 
 /// Returns an office of two storeys, half of whose floors are under desks, with a mast on its empty
 /// roof.
-fn office() -> Tracer {
+fn office(lawn_m: f64) -> Tracer {
     let mut scene = Scene {
         materials: vec![Material::default()],
         ..Scene::default()
     };
     push_box(
         &mut scene,
-        dvec3(-2.0, -0.5, -2.0),
-        dvec3(22.0, -0.4, 14.0),
+        dvec3(-lawn_m, -0.5, -lawn_m),
+        dvec3(20.0 + lawn_m, -0.4, 12.0 + lawn_m),
         0,
     );
     for storey in 0..2 {
@@ -257,10 +257,12 @@ fn office() -> Tracer {
 }
 
 #[test]
-fn room_is_preferred_to_its_roof() {
-    let eye = suggest_headbox(&office()).centre;
-    let is_inside = (0.0..20.0).contains(&eye.x) && (0.0..12.0).contains(&eye.z) && eye.y < 6.7;
-    assert!(is_inside, "{eye}");
+fn room_is_preferred_to_its_roof_and_lawn() {
+    for lawn_m in [2.0, 10.0, 40.0] {
+        let eye = suggest_headbox(&office(lawn_m)).centre;
+        let is_inside = (0.0..20.0).contains(&eye.x) && (0.0..12.0).contains(&eye.z) && eye.y < 6.7;
+        assert!(is_inside, "{lawn_m} m of lawn: {eye}");
+    }
 }
 
 /// Returns a house of one room, 6 m by 4 m and 3 m high, with walls of 0.4 m whose surfaces face
@@ -312,6 +314,12 @@ fn bad_headbox_is_flagged_with_a_good_one() {
     assert_eq!(check(in_wall.better.centre, 0.3), None);
     assert!(in_wall.better.centre.distance(middle) < 3.0, "{in_wall:?}");
     assert!(in_wall.better.centre.x < 2.0, "nearest: {in_wall:?}");
+    let eye_height_m = in_wall.better.centre.y;
+    assert!((eye_height_m - 1.6).abs() < 1e-6, "{eye_height_m}");
+
+    let cramped = check(dvec3(0.02, 1.6, 2.0), 0.01).unwrap();
+    assert_eq!(cramped.flaw, HeadboxFlaw::Cramped);
+    assert_eq!(check(cramped.better.centre, 0.3), None);
 
     let away = check(dvec3(500.0, 1.6, 2.0), 0.3).unwrap();
     assert_eq!(away.flaw, HeadboxFlaw::NothingVisible);
