@@ -2,7 +2,7 @@
 
 use crate::run::succeeds;
 
-/// Minimum lead over the cube map at the farthest eye, dB; 7 at small sizes, 12 at full ones.
+/// Minimum lead over the cube map, dB; at the farthest eye 7 at small sizes, 12 at full ones.
 const LEAD_DB: f64 = 4.0;
 
 #[test]
@@ -42,17 +42,14 @@ fn demo_shows_that_a_cube_map_fails_off_the_centre() {
         .collect();
     // Columns: distance, PSNR and FLIP of the frame, PSNR and FLIP of the cube map, times.
     assert!(
-        rows.is_sorted_by(|a, b| a[0] < b[0]) && rows[0][0] == 0.0,
+        rows.is_sorted_by(|a, b| a[0] < b[0]) && rows[0][0] > 0.0,
         "{table}"
     );
-    let (first, last) = (&rows[0], &rows[rows.len() - 1]);
-    assert!(last[1] >= last[3] + LEAD_DB && last[2] < last[4], "{table}");
-    assert!(
-        first[3] > last[3] + LEAD_DB,
-        "the cube map fits its centre: {table}"
-    );
+    for row in &rows {
+        assert!(row[1] >= row[3] + LEAD_DB && row[2] < row[4], "{table}");
+    }
     let picture = image::open(out.join("demo.png")).unwrap();
-    let frame = image::open(out.join("frame_3.png")).unwrap();
+    let frame = image::open(out.join("frame_2.png")).unwrap();
     assert_eq!(picture.height(), frame.height());
     assert!(picture.width() > 3 * frame.width());
 }

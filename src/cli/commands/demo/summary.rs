@@ -54,7 +54,8 @@ impl Summary {
         text += &format!(
             "error: PSNR (higher is better) and FLIP (0 is equal, 1 is black on white)\n\
              truth: {truth_samples} rays a pixel, frames of {width}x{height}; its own error is {noise_db:.1} dB or better\n\
-             cube map: an environment map traced at the centre, faces of {face_size_px} px as in the capture\n"
+             cube map: an environment map traced at the centre, the only place where it is right; faces of \
+             {face_size_px} px as in the capture\n"
         );
         text
     }
