@@ -55,16 +55,38 @@ pub(crate) struct SceneArgs {
     pub(crate) source: SourceArgs,
 }
 
-/// Options for reading a scene: axes and unit that override its file's, and light that replaces its
-/// own.
-#[derive(Args)]
-pub(crate) struct SourceArgs {
+/// Axes and unit of a scene that override its file's.
+#[derive(Args, Clone, Copy, Default)]
+pub(crate) struct AxesArgs {
     /// Up axis of the file, y or z; Y for glTF and inferred for OBJ by default
     #[arg(long, value_parser = parse_up)]
     up: Option<UpAxis>,
     /// Unit of lengths in the file; metres for glTF and inferred for OBJ by default
     #[arg(long, value_parser = by_name(UNITS))]
     unit: Option<f64>,
+}
+
+impl AxesArgs {
+    /// Flags of axes and unit, each with true if it is given.
+    pub(crate) fn given_flags(self) -> [(&'static str, bool); 2] {
+        [("--up", self.up.is_some()), ("--unit", self.unit.is_some())]
+    }
+
+    /// Options for loading a scene.
+    pub(crate) fn load_options(self) -> LoadOptions {
+        LoadOptions {
+            up: self.up,
+            unit_m: self.unit,
+        }
+    }
+}
+
+/// Options for reading a scene: axes and unit that override its file's, and light that replaces its
+/// own.
+#[derive(Args)]
+pub(crate) struct SourceArgs {
+    #[command(flatten)]
+    axes: AxesArgs,
     #[command(flatten)]
     pub(crate) light: LightArgs,
 }
@@ -84,16 +106,18 @@ impl SourceArgs {
     /// Axes and unit, by default Y up and metres.
     pub(crate) fn file_frame(&self) -> FileFrame {
         FileFrame {
-            up: self.up.unwrap_or_default(),
-            unit_m: self.unit.unwrap_or(1.0),
+            up: self.axes.up.unwrap_or_default(),
+            unit_m: self.axes.unit.unwrap_or(1.0),
         }
     }
 
     /// Returns a copy with other axes and another unit, if given.
     pub(crate) fn with(&self, up: Option<UpAxis>, unit: Option<f64>) -> Self {
         Self {
-            up: up.or(self.up),
-            unit: unit.or(self.unit),
+            axes: AxesArgs {
+                up: up.or(self.axes.up),
+                unit: unit.or(self.axes.unit),
+            },
             light: self.light.clone(),
         }
     }
@@ -109,9 +133,10 @@ impl SourceArgs {
             tone,
         } = &self.light;
         let default = LightParameters::default();
+        let [up, unit] = self.axes.given_flags();
         [
-            ("--up", self.up.is_some()),
-            ("--unit", self.unit.is_some()),
+            up,
+            unit,
             ("--sky", sky.is_some()),
             ("--sky-turn", *sky_turn != default.sky_turn),
             ("--sun", sun.is_some()),
@@ -123,13 +148,9 @@ impl SourceArgs {
 
     /// Source of a scene with these options.
     pub(crate) fn source(&self, scene: &str) -> SceneSource {
-        let options = LoadOptions {
-            up: self.up,
-            unit_m: self.unit,
-        };
         SceneSource {
             name: scene.to_owned(),
-            options,
+            options: self.axes.load_options(),
             light: self.light.parameters(),
         }
     }

@@ -55,6 +55,30 @@ fn bad_headbox_is_warned_about_with_one_to_paste() {
 }
 
 #[test]
+fn centre_in_metres_in_a_file_of_centimetres_is_recognised() {
+    let dir = tempfile::tempdir().unwrap();
+    let room = "v 0 0 0\nv 600 0 0\nv 600 0 400\nv 0 0 400\nv 0 300 0\nv 600 300 0\nv 600 300 400\nv 0 300 400\n\
+                f 4 3 2 1\nf 5 6 7 8\nf 2 6 5 1\nf 3 7 6 2\nf 4 8 7 3\nf 1 5 8 4\n";
+    std::fs::write(dir.path().join("room.obj"), room).unwrap();
+    let fixed = ["capture", "room.obj", "-o", "a.ldi", "--unit", "cm"];
+    let place = ["--half-size", "30", "--center", "3,1.6,2"];
+    let output = headbox(dir.path(), &[&fixed, &SMALL[..], &place].concat());
+    let messages = String::from_utf8(output.stderr).expect("UTF-8");
+    let hint = "a unit of this file is 0.01 m: if 3,1.6,2 are metres, give --center 300,160,200";
+    assert!(messages.contains(hint), "{messages}");
+    let extent = |unit| {
+        let info = json(dir.path(), &["info", "room.obj", "--unit", unit, "--json"]);
+        info["headbox"]["half_size"].as_f64().unwrap()
+    };
+    assert!(
+        extent("cm") > 10.0 && extent("in") > 5.0,
+        "in units of the file"
+    );
+    let refused = headbox(dir.path(), &["info", "a.ldi", "--unit", "cm"]);
+    assert_eq!(refused.status.code(), Some(2));
+}
+
+#[test]
 fn headbox_of_scene_is_captured_without_warning() {
     let dir = tempfile::tempdir().unwrap();
     let (code, messages) = capture(dir.path(), &[]);

@@ -39,10 +39,28 @@ impl HeadboxArgs {
         if self.center.is_none() && self.half_size.is_none() {
             return;
         }
-        if let Some(warning) = viewpoint::check_headbox(tracer, headbox) {
-            eprintln!("warning: {}", warning.sentence(&tracer.scene().frame));
+        let frame = &tracer.scene().frame;
+        let Some(warning) = viewpoint::check_headbox(tracer, headbox) else {
+            return;
+        };
+        eprintln!("warning: {}", warning.sentence(frame));
+        if let Some(center) = self.center.filter(|_| is_good_in_metres(tracer, headbox)) {
+            let [metres, in_units] = [center, center / frame.unit_m].map(triple);
+            eprintln!(
+                "  a unit of this file is {} m: if {metres} are metres, give --center {in_units}",
+                frame.unit_m
+            );
         }
     }
+}
+
+/// Returns true if a headbox has no flaw once the numbers of its centre are read as metres instead
+/// of units of the file.
+fn is_good_in_metres(tracer: &Tracer, headbox: &Headbox) -> bool {
+    let unit_m = tracer.scene().frame.unit_m;
+    let scene = Arc::clone(tracer.scene());
+    let in_metres = viewpoint::place_headbox(&scene, Some(headbox.centre / unit_m), None);
+    unit_m != 1.0 && in_metres.is_ok_and(|it| viewpoint::check_headbox(tracer, &it).is_none())
 }
 
 /// Places the headbox: as requested, in the file's axes and unit, else as the scene suggests, else

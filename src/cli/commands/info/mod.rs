@@ -4,6 +4,7 @@ mod scene;
 
 use super::capture::describe_aimed_rays;
 use super::images::{ImagesCommand, is_image_set};
+use crate::args::{AxesArgs, refuse_misplaced};
 use crate::commands::capture::deep::{self as capture_deep, is_deep_picture};
 use crate::commands::house::file as house_file;
 use crate::commands::lumigraph;
@@ -19,6 +20,7 @@ use headbox_cube::pack::file::CUBE_LDI;
 use headbox_cube::pack::{CubeLdi, SegmentSide};
 use headbox_house::file::HOUSE_FILE;
 use headbox_ldi::accumulate::shard::{self, SHARD};
+use headbox_ldi::scene_source::SceneSource;
 use headbox_lumigraph::LUMI_FILE;
 use headbox_sprite::{SPRITE_FILE, SpriteSet, SpriteWithDepth};
 use serde_json::json;
@@ -28,6 +30,8 @@ use std::path::PathBuf;
 pub(crate) struct InfoCommand {
     /// Input .ldi, .sprite, .lumi or .house file, shard, deep EXR, folder of images, scene or home
     file: PathBuf,
+    #[command(flatten)]
+    axes: AxesArgs,
     /// Verify the complete layout, of a shard sample by sample, and print ok
     #[arg(long)]
     check: bool,
@@ -38,14 +42,20 @@ pub(crate) struct InfoCommand {
 
 impl InfoCommand {
     pub(crate) fn run(&self) -> anyhow::Result<()> {
-        if is_image_set(&self.file.to_string_lossy()) {
+        let name = self.file.to_string_lossy();
+        if scene::is_scene(&name) {
+            let source = SceneSource {
+                options: self.axes.load_options(),
+                ..SceneSource::new(&*name)
+            };
+            return scene::describe(&source, self.check, self.json);
+        }
+        refuse_misplaced("scenes", self.axes.given_flags())?;
+        if is_image_set(&name) {
             return ImagesCommand::new(&self.file, self.json).run();
         }
-        if is_deep_picture(&self.file.to_string_lossy()) {
+        if is_deep_picture(&name) {
             return capture_deep::describe(&self.file, self.json);
-        }
-        if scene::is_scene(&self.file.to_string_lossy()) {
-            return scene::describe(&self.file.to_string_lossy(), self.check, self.json);
         }
         let kind =
             Container::peek_kind(&self.file).with_context(|| format!("{}", self.file.display()))?;

@@ -24,8 +24,13 @@ fn has_extension(name: &str, extensions: &[&str]) -> bool {
 }
 
 /// Describes a scene: size, extent and lights, and where a capture would put the headbox.
-pub(super) fn describe(name: &str, is_checked: bool, is_json: bool) -> anyhow::Result<()> {
-    let scene = Arc::new(SceneSource::new(name).open()?);
+pub(super) fn describe(
+    source: &SceneSource,
+    is_checked: bool,
+    is_json: bool,
+) -> anyhow::Result<()> {
+    let name = source.name.as_str();
+    let scene = Arc::new(source.open()?);
     print_notes(&scene.summary.notes);
     if is_checked {
         scene.validate()?;
