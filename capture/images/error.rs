@@ -26,12 +26,13 @@ pub enum ImagesError {
     },
     /// The folder holds none of the supported formats.
     #[error(
-        "{}: not an image set; expected manifest.json (Seurat), transforms.json (nerfstudio), cameras.bin or cameras.txt \
+        "{folder}: not an image set; expected manifest.json (Seurat), transforms.json (nerfstudio), cameras.bin or cameras.txt \
                  (COLMAP), frame-*.pose.txt (RGB-D frames), \
                  pose and color (ScanNet), groundtruth.txt (TUM), traj.txt (Replica), keyframes (Polycam), metadata.json (Record3D), cameras.json (3D Gaussian Splatting), \
                  *.xml (Metashape), *_par.txt (Middlebury), *.P or *.mat (projection matrices), or panoramas with depth next to them \
-                 (NAME.png and NAME_depth.exr); to read a deep EXR, name the file itself",
-        path.display()
+                 (NAME.png and NAME_depth.exr); to read a deep EXR, name the file itself; for photographs without known cameras, \
+                 headbox images {folder} --align finds them with COLMAP",
+        folder = path.display()
     )]
     NoImageSet {
         /// The folder.

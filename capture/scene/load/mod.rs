@@ -25,7 +25,7 @@ pub use obj::{material_names, mtl};
 
 use crate::scene::{Scene, SceneError};
 use headbox_core::file_frame::{FileFrame, UpAxis};
-use headbox_core::inputs::{SCENES, join_extensions};
+use headbox_core::inputs::{PHOTOGRAPHS, REPRESENTATIONS, SCENES, join_extensions};
 use headbox_core::read_note::ReadNote;
 use headbox_core::{memory, panics};
 use std::path::{Path, PathBuf};
@@ -147,6 +147,13 @@ fn unknown_format(path: &Path) -> String {
             ".{extension} scenes are not read; save the scene as .glb and open that (for example \
              in Blender: File > Import, then File > Export > glTF 2.0)"
         )
+    } else if REPRESENTATIONS.contains(&extension.as_str()) {
+        format!(
+            "already captured; show it with headbox view or headbox render {}",
+            path.display()
+        )
+    } else if PHOTOGRAPHS.contains(&extension.as_str()) {
+        "an image, not a scene; name the folder of a set of images with known cameras".into()
     } else {
         format!(
             "unknown scene format; use an {} file, a home (Home.xml, .sh3d or .toml), or \

@@ -118,6 +118,10 @@ fn errors_name_file_cause_and_line() {
     let formats =
         "a.foo: unknown scene format; use an .obj, .gltf, .glb, .ply or .stl file, a home";
     assert!(error.contains(formats), "{error}");
+    let error = folder.load("a.ldi").expect_err("a capture");
+    assert!(error.contains("already captured; show it"), "{error}");
+    let error = folder.load("a.jpg").expect_err("an image");
+    assert!(error.contains("name the folder"), "{error}");
     let error = folder.load("a.FBX").expect_err("to be converted");
     assert!(
         error.contains(".fbx scenes are not read; save the scene as .glb"),
