@@ -42,6 +42,9 @@ pub struct CaptureInfo {
     /// side.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub up: Option<DVec3>,
+    /// Default vertical field of view, degrees, if it is not 60: for images with a narrower one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fov_y_deg: Option<f64>,
     /// Per face of the ray domain: the estimated probability that one more ray would find a depth
     /// pixel that is not in the LDI (Good 1953: share of samples hit once); `None` if rays were not
     /// random.
@@ -67,6 +70,7 @@ impl Default for CaptureInfo {
             blocked_share: 0.0,
             ahead: None,
             up: None,
+            fov_y_deg: None,
             missing_estimate: [None; 6],
             holes: None,
         }

@@ -157,7 +157,7 @@ impl CubeView {
             eye: cube.info.centre,
             forward: cube.info.ahead.unwrap_or_else(|| richest_side(cube)),
             up: level_up(cube.info.up),
-            fov_y_deg: 60.0,
+            fov_y_deg: cube.info.fov_y_deg.unwrap_or(60.0),
         }
     }
 }

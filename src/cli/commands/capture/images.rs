@@ -52,7 +52,7 @@ impl CaptureCommand {
         let bar = Bar::new();
         let views = job.views(&set);
         let ldi = job.run(&set, &bar)?;
-        let packed = self.packing.pack(ldi)?;
+        let mut packed = self.packing.pack(ldi)?;
         if packed.depth_pixel_count() == 0 && packed.planes.tiles.is_empty() {
             let why = match job {
                 SetJob::Depth(_) => "no image has depth: all values are zero or not numbers",
@@ -62,6 +62,7 @@ impl CaptureCommand {
             };
             bail!("{}: {why}", set.folder.display());
         }
+        packed.info.fov_y_deg = narrowest_fov(&views);
         packed.write(&self.output)?;
         bar.finish();
         let total_s = start.elapsed().as_secs_f64();
@@ -88,8 +89,7 @@ impl CaptureCommand {
             "{output}: {content} from {} images, {total_s:.2} s",
             views.len()
         );
-        let fov = narrowest_fov(&views).map_or(String::new(), |fov| format!(" --fov {fov:.0}"));
-        println!("look at it: headbox render {output} -o frame.png{fov}");
+        println!("look at it: headbox render {output} -o frame.png");
         Ok(())
     }
 }
