@@ -238,5 +238,4 @@ impl House {
 /// Half thickness of the thickest wall in which an eye can be inside a portal, metres.
 pub const REVEAL_M: f64 = 0.3;
 
-/// Height of an eye above the floor, metres.
-pub const EYE_HEIGHT_M: f64 = 1.6;
+pub use headbox_trace::viewpoint::EYE_HEIGHT_M;
