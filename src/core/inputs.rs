@@ -95,7 +95,7 @@ pub const INPUTS: [InputKind; 7] = [
         extensions: &REPRESENTATIONS,
         others: &[],
         description: "captured from these",
-        outputs: "frames, films, page; of `.ldi` and `.sprite` also `.glb`, `.ply`, deep `.exr`; of `.house` walks",
+        outputs: "frames, films, page; of `.ldi` and `.sprite` also `.glb`, `.ply`, deep `.exr`; of `.house` walk-throughs",
         is_shown: true,
     },
 ];

@@ -142,7 +142,9 @@ fn spill_folder(output: &Path) -> PathBuf {
 
 /// Warns if geometry hides part of the headbox from its centre.
 pub(super) fn warn_if_blocked(blocked_share: f64) {
-    if blocked_share > 0.0 {
+    /// Share that is displayed as 0.0 %.
+    const NEGLIGIBLE: f64 = 0.0005;
+    if blocked_share >= NEGLIGIBLE {
         eprintln!(
             "warning: geometry inside the headbox hides {:.1} % of it from its centre; views from there will lack their \
              background. Move --center or choose a smaller --half-size",

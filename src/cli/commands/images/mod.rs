@@ -129,8 +129,8 @@ fn announce(colouring: &Colouring, reduction: u32, folder: &Path) {
         coarser.into_iter().flatten().collect::<String>()
     );
     eprintln!(
-        "note: headbox images {} --depth finds the photographs' depth, with which surfaces are sharper and plain \
-         backgrounds left out",
+        "note: photographs without depth give a coarse model. For sharper surfaces find their depth first, with headbox \
+         images {0} --depth; or show them from near their cameras, with headbox sprite {0}",
         folder.display()
     );
 }
