@@ -268,7 +268,10 @@ fn every_command_prints_json() {
     }
     let info = json(dir.path(), &["info", "a.ldi", "--json"]);
     assert_eq!(info["ok"], true);
-    assert_eq!(info["depth_pixels"], captured["depth_pixels"]);
+    for key in ["depth_pixels", "center", "half_size"] {
+        assert!(!captured[key].is_null(), "capture: {key}");
+        assert_eq!(info[key], captured[key], "{key}");
+    }
     assert_eq!(
         info["bytes"],
         std::fs::metadata(dir.path().join("a.ldi")).unwrap().len()

@@ -41,6 +41,8 @@ pub(super) fn run(
             "total_s": total_s,
             "peak_rss_mb": peak_rss_mb(),
             "depth_pixels": packed.depth_pixel_count(),
+            "center": packed.info.frame.file_from_world(packed.info.centre),
+            "half_size": packed.info.half_size_m / packed.info.frame.unit_m,
             "bytes": packed.bytes(),
             "face_size": packed.face_size_px,
         }));

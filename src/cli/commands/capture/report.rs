@@ -45,6 +45,8 @@ impl CaptureCommand {
                 "samples_on_planes": cube.planes.samples,
                 "missing_estimate": mean_missing,
                 "missing_estimate_per_face": cube.info.missing_estimate,
+                "center": cube.info.frame.file_from_world(cube.info.centre),
+                "half_size": cube.info.half_size_m / cube.info.frame.unit_m,
                 "bytes": cube.bytes(),
                 "blocked_share": cube.info.blocked_share,
                 "estimated_s": times.estimated_s,
