@@ -10,12 +10,13 @@ use crate::commands::render::geometry::{
 };
 use crate::commands::render::layers;
 use crate::image_set::SetArgs;
-use crate::messages::UsageError;
+use crate::messages::{UsageError, shell_quote};
 use crate::output::{Outputs, WINDOW, output_name, parent_folder, print_json};
 use crate::progress::Bar;
 use anyhow::Context;
 use clap::Args;
 use headbox_core::camera::Camera;
+use headbox_core::inputs::HOMES;
 use headbox_images::{ImageSet, View, read_sparse_points};
 use headbox_ldi::from_images::{ImageSetCapture, NearestImages};
 use headbox_photos::cache;
@@ -171,19 +172,30 @@ impl ViewCommand {
             [file] => Some(file).filter(has_page),
             _ => None,
         };
-        match page {
-            Some(file) => {
-                let page = Path::new(file).with_extension("html");
-                anyhow::anyhow!(
-                    "{error}; see it in a browser: headbox export {file} -o {}; or render images: \
-                     headbox render {file} -o frame.png",
-                    page.display()
-                )
-            }
-            None => anyhow::anyhow!(
-                "{error}; headbox render makes images without a window, and headbox export makes pages for a browser"
-            ),
+        if let Some(file) = page {
+            let page = Path::new(file).with_extension("html");
+            return anyhow::anyhow!(
+                "{error}; see it in a browser: headbox export {file} -o {}; or render images: \
+                 headbox render {file} -o frame.png",
+                page.display()
+            );
         }
+        let file_command = match self.files.as_slice() {
+            [file] => file_command(file),
+            _ => None,
+        };
+        file_command.map_or_else(
+            || {
+                anyhow::anyhow!(
+                    "{error}; headbox render makes images without a window, and headbox export makes pages for a browser"
+                )
+            },
+            |command| {
+                anyhow::anyhow!(
+                    "{error}; make a file of it for headbox render and headbox export: {command}"
+                )
+            },
+        )
     }
 
     /// Creates the function that opens several files as one view.
@@ -326,6 +338,24 @@ impl ViewCommand {
         let names: Vec<_> = self.files.iter().map(absolute).collect();
         (!names.is_empty()).then(|| names.join(" + "))
     }
+}
+
+/// Returns the command that makes a file of a scene or a home, which `render` and `export` refuse;
+/// `None` for other inputs.
+fn file_command(input: &str) -> Option<String> {
+    let path = Path::new(input.strip_prefix("builtin:").unwrap_or(input));
+    let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
+    let (command, made) = if is_captured(input) {
+        ("capture", "ldi")
+    } else if input.starts_with("builtin:") || HOMES.iter().any(|home| extension == *home) {
+        ("house", "house")
+    } else {
+        return None;
+    };
+    // The file is written to the current folder: that of the scene may be read-only.
+    let output = PathBuf::from(path.file_name()?).with_extension(made);
+    let [input, output] = [Path::new(input), &output].map(shell_quote);
+    Some(format!("headbox {command} {input} -o {output}"))
 }
 
 /// Function that opens a source.

@@ -382,6 +382,21 @@ fn window_without_display_exits_1_with_one_message() {
         code == Some(1) && message.lines().count() == 1 && message.contains(page),
         "{code:?}: {message}"
     );
+    let home = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/corpus/Home.xml");
+    for (input, command) in [
+        ("builtin:bump", "headbox capture builtin:bump -o bump.ldi"),
+        (
+            "builtin:house",
+            "headbox house builtin:house -o house.house",
+        ),
+        (home, "-o Home.house"),
+    ] {
+        let (code, message) = view(&[input]);
+        assert!(
+            code == Some(1) && message.lines().count() == 1 && message.contains(command),
+            "{input}: {code:?}: {message}"
+        );
+    }
     // Opened completely before the window is.
     let (code, message) = view(&["a.ldi", "a.ldi", "builtin:bump@at=0,0,-3"]);
     assert!(
