@@ -71,7 +71,12 @@ const EXAMPLES: [(&str, &str); 18] = [
         "walk",
         "headbox walk home.house -o walk-report --poses 20 --variants texture,window-ldi",
     ),
-    ("truth", "headbox truth room.obj -o truth.png --samples 64"),
+    (
+        "truth",
+        "headbox truth room.ldi -o truth.png --time 60            in the light and from the camera of a capture\n  \
+         headbox truth room.ldi -o truth.png --noise 40           until its noise is hardly visible\n  \
+         headbox truth room.obj -o truth.png --samples 64",
+    ),
     (
         "compare",
         "headbox compare truth.png frame.png --map error.png",
@@ -94,7 +99,11 @@ const EXAMPLES: [(&str, &str); 18] = [
     ),
 ];
 
-/// Adds examples, and the defaults that `--quality` sets, to the command line.
+/// Help of the scene of `truth`, which unlike that of `capture` may be a capture.
+const TRUTH_SCENE: &str = "Scene: an .obj, .gltf, .glb, .ply or .stl file, a home (Home.xml, .sh3d, .toml), or \
+    builtin:NAME; or an .ldi file, whose scene is traced in the light, with the exposure and from the camera of the file";
+
+/// Adds examples, the defaults that `--quality` sets and the scene of `truth` to the command line.
 pub(super) fn with_examples(cli: Command) -> Command {
     let names: Vec<String> = cli
         .get_subcommands()
@@ -112,6 +121,9 @@ pub(super) fn with_examples(cli: Command) -> Command {
                 capture.mut_arg(*argument, |argument| argument.default_value_ifs(presets))
             },
         )
+    });
+    let cli = cli.mut_subcommand("truth", |truth| {
+        truth.mut_arg("scene", |scene| scene.help(TRUTH_SCENE))
     });
     EXAMPLES
         .iter()
