@@ -1,7 +1,7 @@
 //! Goal of a traced frame (rays, noise, time), and progress toward it.
 
 use crate::interrupt;
-use crate::progress::Bar;
+use crate::progress::{Bar, duration};
 use headbox_core::progress::Progress;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
@@ -30,6 +30,35 @@ impl Goal {
             }
             _ => most,
         }
+    }
+
+    /// Returns a note on the time that the goal takes, once it can be estimated: after `samples` rays
+    /// per pixel of `expected_samples`, each `ray_s` seconds. `None` before and after, if the time is
+    /// short, and if it is given.
+    pub(super) fn note(&self, samples: u32, expected_samples: f64, ray_s: f64) -> Option<String> {
+        /// Rays per pixel of the first round.
+        const FIRST_ROUND: u32 = 2;
+        /// Rays per pixel whose standard error is a fair estimate: the sum of three rounds.
+        const FAIR: u32 = 8;
+        /// Time that is not worth announcing, seconds.
+        const SHORT_S: f64 = 5.0;
+        let after = self.noise_db.map_or(FIRST_ROUND, |_| FAIR);
+        let all_s = ray_s * expected_samples;
+        let most = self.samples;
+        let is_done = samples >= most;
+        if samples != after || is_done || self.time_s.is_some() || all_s <= SHORT_S {
+            return None;
+        }
+        let time = duration(all_s);
+        Some(match self.noise_db {
+            None => format!("{most} rays per pixel take about {time}"),
+            Some(noise_db) if expected_samples < f64::from(most) => format!(
+                "a standard error of {noise_db} dB takes about {expected_samples:.0} rays per pixel, {time}"
+            ),
+            Some(noise_db) => format!(
+                "{most} rays per pixel take about {time}, and are too few for a standard error of {noise_db} dB"
+            ),
+        })
     }
 
     /// Returns the share of the work that is done after `samples` rays per pixel of
@@ -92,6 +121,47 @@ mod tests {
         assert_eq!(goal.share(400.0, expected, 5.0), 1.0);
         assert_eq!(goal.expected_samples(0, 0.0), f64::from(1 << 20));
         assert_eq!(goal.expected_samples(8, f64::INFINITY), 1.0);
+    }
+
+    #[test]
+    fn time_is_noted_once_it_can_be_estimated() {
+        let goal = |samples, noise_db, time_s| Goal {
+            samples,
+            noise_db,
+            time_s,
+        };
+        let note = |goal: Goal, samples: u32, ray_s: f64| {
+            let expected_samples = goal.expected_samples(samples, 30.0);
+            goal.note(samples, expected_samples, ray_s)
+        };
+        let fixed = goal(256, None, None);
+        assert_eq!(
+            note(fixed, 2, 0.5).as_deref(),
+            Some("256 rays per pixel take about 2 min 8 s")
+        );
+        assert_eq!(note(fixed, 2, 0.01), None, "a short time");
+        assert_eq!(note(fixed, 4, 0.5), None, "only once");
+        assert_eq!(note(goal(2, None, None), 2, 9.0), None, "all are traced");
+        let noise = goal(1 << 20, Some(40.0), None);
+        assert_eq!(note(noise, 4, 0.5), None, "too early");
+        assert_eq!(
+            note(noise, 8, 0.5).as_deref(),
+            Some("a standard error of 40 dB takes about 80 rays per pixel, 40 s")
+        );
+        assert_eq!(
+            note(goal(64, Some(40.0), None), 8, 0.5).as_deref(),
+            Some(
+                "64 rays per pixel take about 32 s, and are too few for a standard error of 40 dB"
+            )
+        );
+        for noise_db in [None, Some(40.0)] {
+            for samples in [2, 8] {
+                assert_eq!(
+                    note(goal(1 << 20, noise_db, Some(60.0)), samples, 0.5),
+                    None
+                );
+            }
+        }
     }
 
     #[test]

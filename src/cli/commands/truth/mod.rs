@@ -209,12 +209,10 @@ impl TruthCommand {
     }
 
     /// Traces a frame in rounds until it has its rays, its noise or its time, or is interrupted.
-    /// Announces the time after the first round.
+    /// Announces the time once it can be estimated.
     fn trace(&self, camera: &Camera, scene: &LitScene, start: Instant) -> TruthSum {
         /// Maximum number of rays per pixel of a round.
         const ROUND: u32 = 16;
-        /// Time that is not worth announcing, seconds.
-        const SHORT_S: f64 = 5.0;
         /// Steps of the progress bar.
         const STEPS: u64 = 1000;
         interrupt::keep_partial_results();
@@ -256,15 +254,6 @@ impl TruthCommand {
             }
             let seconds = rays_start.elapsed().as_secs_f64();
             let ray_s = seconds / f64::from(sum.samples());
-            let all_s = ray_s * f64::from(goal.samples);
-            let is_open = goal.noise_db.is_some() || goal.time_s.is_some();
-            if sum.samples() == round && !is_open && all_s > SHORT_S {
-                eprintln!(
-                    "note: {} rays per pixel take about {}",
-                    goal.samples,
-                    duration(all_s)
-                );
-            }
             let next_s = ray_s * f64::from(sum.samples().min(ROUND));
             let is_late = goal.time_s.is_some_and(|time_s| seconds + next_s > time_s);
             let is_clean = goal.noise_db.is_some_and(|noise_db| {
@@ -275,9 +264,15 @@ impl TruthCommand {
             if is_late || is_clean {
                 break;
             }
+            if let Some(note) = goal.note(sum.samples(), expected_samples, ray_s) {
+                eprintln!("note: {note}");
+            }
         }
         bar.finish();
         if sum.samples() == 0 {
+            eprintln!(
+                "error: interrupted in the first round: nothing was traced yet, so that no file was written"
+            );
             interrupt::exit();
         }
         sum
