@@ -2,6 +2,7 @@
 
 mod bad_inputs;
 mod cli;
+mod guide_cli;
 mod memory_cli;
 mod paths_cli;
 mod streams_cli;
