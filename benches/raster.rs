@@ -6,6 +6,7 @@
 use criterion::{Criterion, criterion_group, criterion_main};
 use glam::DVec3;
 use headbox_core::camera::Camera;
+use headbox_core::color::tone::ToneMap;
 use headbox_core::environment::Environment;
 use headbox_raster::{GroupWindow, RasterMesh, RasterStats, RasterView, Rasterizer};
 use std::sync::Arc;
@@ -34,6 +35,7 @@ fn frames(criterion: &mut Criterion) {
             groups: &groups,
             markers: &[],
             exposure: 1.0,
+            tone: ToneMap::SrgbClipped,
             hole_color_srgb: [0; 3],
         };
         for (width, height) in [(640, 512), (1280, 720)] {

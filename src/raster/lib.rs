@@ -10,7 +10,7 @@
 //! 3. `scan`: exact integer edge functions, so that no crack is left between neighbours; each pixel
 //!    stores the depth and the number of its triangle, nothing else;
 //! 4. `shade`: once per pixel at the end, triangle after triangle: perspective-correct weights
-//!    (`weights`), colours, textures at the mip level of the frame (`mip`), sRGB
+//!    (`weights`), colours, textures at the mip level of the frame (`mip`), tone curve and sRGB
 //!    (`headbox_core::color::srgb_table`).
 //!
 //! Positions are IEEE `f32` in a fixed order of operations, the rest of coverage is integers: the
@@ -34,6 +34,8 @@ use fearless_simd::prelude::*;
 use fearless_simd::{Level, u32x16};
 use glam::DVec3;
 use headbox_core::camera::Camera;
+use headbox_core::color::srgb_table::SrgbTable;
+use headbox_core::color::tone::ToneMap;
 use headbox_core::environment::Environment;
 use headbox_core::frame::{Coverage, Frame};
 use headbox_core::simd;
@@ -138,8 +140,10 @@ pub struct RasterView<'a> {
     pub groups: &'a [GroupWindow],
     /// Polygons without colour.
     pub markers: &'a [Marker],
-    /// Factor from linear colour to the linear value that is encoded as sRGB.
+    /// Factor from linear colour to the argument of `tone`.
     pub exposure: f32,
+    /// Tone curve of surfaces; the environment's colours are final.
+    pub tone: ToneMap,
     /// Colour of pixels that show neither a surface nor the environment, sRGB.
     pub hole_color_srgb: [u8; 3],
 }
@@ -280,6 +284,7 @@ impl Rasterizer {
             camera,
             environment,
             exposure: request.exposure,
+            table: SrgbTable::get(request.tone),
         };
         let bands = colors
             .zip(depths)

@@ -29,6 +29,8 @@ pub(super) struct PixelShader<'a> {
     pub(super) camera: &'a Camera,
     pub(super) environment: &'a Environment,
     pub(super) exposure: f32,
+    /// Table of the frame's tone curve.
+    pub(super) table: &'static SrgbTable,
 }
 
 /// Pixels of a triangle that are shaded together.
@@ -199,7 +201,6 @@ impl PixelShader<'_> {
         target: &DrawnRows,
         colors: &mut [[u8; 4]],
     ) {
-        let table = SrgbTable::get();
         let [a, b, c] = shading.corners;
         let pixels = u32x16::load_array_ref(simd, &batch.pixels);
         let (x, y) = (pixels & 0xffff, pixels >> 16);
@@ -232,9 +233,9 @@ impl PixelShader<'_> {
         for channel in 0..3 {
             let at_corners = [a.color[channel], b.color[channel], c.color[channel]];
             let lit = interpolate(weights, at_corners) * shading.albedo[channel] * albedo[channel];
-            let linear =
-                lit.max(0.0).min(self.exposure) + emission[channel] * shading.emission[channel];
-            color |= table.encode_sixteen(simd, linear, batch.count) << (8 * channel as u32);
+            let exposed = lit.max(0.0) + emission[channel] * shading.emission[channel];
+            let level = self.table.encode_sixteen(simd, exposed, batch.count);
+            color |= level << (8 * channel as u32);
         }
         let (color, index) = (
             color.to_array(),

@@ -260,10 +260,7 @@ impl Lighting {
         let scene = tracer.scene();
         Self {
             exposure: scene.exposure.factor(1.0),
-            tone: match scene.tone {
-                ToneMap::Neutral => ToneMap::SrgbClipped, // without light there are no highlights
-                tone => tone,
-            },
+            tone: scene.tone.without_highlights(),
             ..Self::unmetered(tracer, bounces)
         }
     }

@@ -1,6 +1,7 @@
 //! Tone curves: from exposed radiance to 8 bits.
 
-use crate::color::{linear_from_srgb8, srgb8_from_linear};
+use crate::color::linear_from_srgb8;
+use crate::color::srgb_table::SrgbTable;
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -41,17 +42,42 @@ impl ToneMap {
     /// Exposed radiance from which [`Self::Neutral`] compresses; that of Khronos PBR Neutral.
     pub const SHOULDER: f32 = 0.76;
 
-    /// Returns the stored level of exposed radiance; NaN becomes 0.
+    /// Returns the exposed radiance from which a curve compresses, and the one that it maps to
+    /// white. Between them every curve is `shoulder + s t (1 + t / w^2) / (1 + t)` with `s = 1 -
+    /// shoulder`, `t = (x - shoulder) / s` and `w = (brightest - shoulder) / s`.
+    pub fn range(self) -> [f32; 2] {
+        match self {
+            Self::Neutral => [Self::SHOULDER, Self::BRIGHTEST],
+            Self::SrgbClipped => [1.0, 1.0],
+            Self::SrgbCompressed => [0.0, Self::BRIGHTEST],
+        }
+    }
+
+    /// Returns the curve of a scene without light, which has no highlights: linear in place of
+    /// neutral.
+    pub fn without_highlights(self) -> Self {
+        match self {
+            Self::Neutral => Self::SrgbClipped,
+            tone => tone,
+        }
+    }
+
+    /// Applies the curve, without sRGB encoding: linear light as shown on a display, where 1 is
+    /// white. Not clamped where the curve is linear.
+    pub fn compressed(self, exposed: f32) -> f32 {
+        let [shoulder, brightest] = self.range();
+        let x = exposed.clamp(0.0, brightest);
+        if x > shoulder {
+            let s = 1.0 - shoulder;
+            shoulder + s * compress((x - shoulder) / s, (brightest - shoulder) / s)
+        } else {
+            exposed
+        }
+    }
+
+    /// Returns the stored level of exposed radiance: [`Self::compressed`] in sRGB. NaN becomes 0.
     pub fn level(self, exposed: f32) -> u8 {
-        let x = exposed.clamp(0.0, Self::BRIGHTEST);
-        srgb8_from_linear(match self {
-            Self::Neutral if x > Self::SHOULDER => {
-                let s = 1.0 - Self::SHOULDER;
-                Self::SHOULDER + s * compress((x - Self::SHOULDER) / s, Self::NEUTRAL_RANGE)
-            }
-            Self::Neutral | Self::SrgbClipped => exposed,
-            Self::SrgbCompressed => compress(x, Self::BRIGHTEST),
-        })
+        SrgbTable::get(self).encode(exposed)
     }
 
     /// Returns [`Self::level`] of three channels.
@@ -61,19 +87,15 @@ impl ToneMap {
 
     /// Returns the exposed light that `level` stands for.
     pub fn exposed(self, level: u8) -> f32 {
+        let [shoulder, brightest] = self.range();
         let y = linear_from_srgb8(level);
-        match self {
-            Self::Neutral if y > Self::SHOULDER => {
-                let s = 1.0 - Self::SHOULDER;
-                Self::SHOULDER + s * expand((y - Self::SHOULDER) / s, Self::NEUTRAL_RANGE)
-            }
-            Self::Neutral | Self::SrgbClipped => y,
-            Self::SrgbCompressed => expand(y, Self::BRIGHTEST),
+        if y > shoulder {
+            let s = 1.0 - shoulder;
+            shoulder + s * expand((y - shoulder) / s, (brightest - shoulder) / s)
+        } else {
+            y
         }
     }
-
-    /// Argument at which the shoulder of [`Self::Neutral`] reaches white.
-    const NEUTRAL_RANGE: f32 = (Self::BRIGHTEST - Self::SHOULDER) / (1.0 - Self::SHOULDER);
 }
 
 /// Compresses 0..=`brightest` to 0..=1, with a slope of 1 at 0 (Reinhard et al. 2002, equation 4).

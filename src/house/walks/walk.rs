@@ -139,6 +139,7 @@ impl Walker {
             groups: &groups,
             markers: &markers,
             exposure: house.lighting().exposure,
+            tone: house.lighting().tone,
             hole_color_srgb: settings.warp.hole_color_srgb,
         };
         stats.raster = *self

@@ -129,6 +129,7 @@ fn changed_by_culling(house: &House, camera: &Camera) -> f64 {
         groups: &all,
         markers: &[],
         exposure: house.lighting().exposure,
+        tone: house.lighting().tone,
         hole_color_srgb: settings.warp.hole_color_srgb,
     };
     let mut rasterizer = Rasterizer::new();

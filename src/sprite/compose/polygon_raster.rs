@@ -73,6 +73,7 @@ impl PolygonRaster {
             groups: &groups,
             markers: &[],
             exposure: 1.0,
+            tone: ToneMap::SrgbClipped,
             hole_color_srgb: [0; 3],
         };
         for (number, polygons) in polygons.iter().enumerate() {

@@ -3,6 +3,7 @@
 use fearless_simd::Level;
 use glam::{DVec3, Vec3, dvec3};
 use headbox_core::camera::Camera;
+use headbox_core::color::tone::ToneMap;
 use headbox_core::environment::Environment;
 use headbox_core::random::Rng;
 use headbox_core::simd;
@@ -24,6 +25,7 @@ pub(super) fn view<'a>(groups: &'a [GroupWindow], markers: &'a [Marker]) -> Rast
         groups,
         markers,
         exposure: 1.0,
+        tone: ToneMap::SrgbClipped,
         hole_color_srgb: HOLE,
     }
 }

@@ -5,6 +5,7 @@ use super::baked::BakedLight;
 use super::{ContenderFrame, Draw, PixelOrigin};
 use glam::DVec3;
 use headbox_core::camera::Camera;
+use headbox_core::color::tone::ToneMap;
 use headbox_core::environment::Environment;
 use headbox_raster::{GroupWindow, PixelContent, RasterMesh, RasterView, Rasterizer};
 use headbox_trace::bvh::{Hit, Ray, Tracer};
@@ -42,6 +43,7 @@ impl Visibility {
             groups: &groups,
             markers: &[],
             exposure: 1.0,
+            tone: ToneMap::SrgbClipped,
             hole_color_srgb: [0; 3],
         };
         let (frame, _) = self

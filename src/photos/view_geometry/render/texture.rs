@@ -16,6 +16,7 @@ use crate::view_geometry::Texturing;
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, dispatch, f32x16, mask32x16, u32x16};
 use headbox_core::color::srgb_table::{SrgbTable, encode_srgb};
+use headbox_core::color::tone::ToneMap;
 use headbox_core::frame::Coverage;
 use headbox_core::image::texels::LANE_INDICES;
 use std::ops::Range;
@@ -196,7 +197,7 @@ impl FramePainter<'_> {
         };
         let sums = self.accumulate(simd, pixels, &positions, covered);
         let per = PER_FULL / sums.weight;
-        let table = SrgbTable::get();
+        let table = SrgbTable::get(ToneMap::SrgbClipped);
         let mut color = u32x16::splat(simd, 0xff00_0000);
         for channel in 0..3 {
             color |= table.encode_sixteen(simd, sums.color[channel] * per, LANES)
