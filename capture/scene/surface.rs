@@ -205,6 +205,13 @@ impl Paint<'_> {
     /// Same as [`Surface::albedo`].
     #[inline]
     pub fn albedo(&self, u: f32, v: f32) -> [f32; 3] {
+        self.albedo_up_to(1.0, u, v)
+    }
+
+    /// Same as [`Self::albedo`], but limited to `limit` instead of 1: vertex colours with baked
+    /// light make it a radiance.
+    #[inline]
+    pub fn albedo_up_to(&self, limit: f32, u: f32, v: f32) -> [f32; 3] {
         let weights = [1.0 - u - v, u, v];
         let color = self
             .colors
@@ -213,7 +220,7 @@ impl Paint<'_> {
             texel(texture, at_weights(self.texcoords, weights))
         });
         (self.albedo * texel * color)
-            .clamp(Vec3::ZERO, Vec3::ONE)
+            .clamp(Vec3::ZERO, Vec3::splat(limit))
             .into()
     }
 

@@ -141,7 +141,8 @@ impl House {
         &self.mesh
     }
 
-    /// Lighting: the sky, and the exposure (1, since baked colours are stored unscaled).
+    /// Lighting: the sky, the exposure (1, since baked colours are stored unscaled), and the tone
+    /// curve of the scene, for frames, backdrops and truth alike.
     pub fn lighting(&self) -> &Lighting {
         &self.lighting
     }
@@ -151,18 +152,15 @@ impl House {
         &self.sky
     }
 
-    /// Shades a hit: linear radiance, and the unit normal on the ray's side.
+    /// Shades a hit: exposed radiance, and the unit normal on the ray's side.
     pub(crate) fn surface(&self, ray: &Ray, hit: &Hit) -> (Vec3, Vec3) {
-        let scene = self.scene();
-        let normal = scene.geometric_normal(hit.primitive);
-        let albedo = Vec3::from(scene.paint(hit.primitive).albedo(hit.u, hit.v));
-        let emission = Vec3::from(scene.emission(hit.primitive, hit.u, hit.v));
-        let radiance = (albedo + emission) * self.lighting.exposure;
+        let normal = self.scene().geometric_normal(hit.primitive);
+        let radiance = self.lighting.unlit_radiance(&self.tracer, hit) * self.lighting.exposure;
         let is_back = normal.dot(ray.direction) > 0.0;
         (radiance, if is_back { -normal } else { normal })
     }
 
-    /// Traces a ray: linear radiance of the surface or the sky, and the distance of the hit in
+    /// Traces a ray: exposed radiance of the surface or the sky, and the distance of the hit in
     /// units of the ray's direction.
     pub(crate) fn radiance(&self, ray: &Ray) -> (Vec3, Option<f32>) {
         if let Some(hit) = self.tracer.closest(ray) {

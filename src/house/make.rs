@@ -69,10 +69,13 @@ pub fn make_house(
     options: &MakeOptions,
     progress: &dyn Progress,
 ) -> Result<MadeHouse, MakeError> {
-    let (model, light_samples) = match &options.light {
+    let (mut model, light_samples) = match &options.light {
         Some(light) => bake_light(model, light, progress)?,
         None => (model, 0),
     };
+    if options.light.is_none() {
+        model.scene.tone = model.scene.tone.without_highlights();
+    }
     let house = House::new(model)?;
     let mut made = MadeHouse {
         house,

@@ -27,18 +27,26 @@ impl Lighting {
         let Some(hit) = hit else {
             return Vec3::from_array(self.miss_radiance(ray.direction.normalize()));
         };
+        let Some(sample) = sample else {
+            return self.unlit_radiance(tracer, hit);
+        };
         let (point, surface) = LitPoint::from_hit(tracer, ray, hit);
-        let radiosity = sample.map_or(Vec3::ONE, |s| {
-            Vec3::from_array(self.radiosity_per_albedo(tracer, &point, s))
-        });
+        let radiosity = Vec3::from_array(self.radiosity_per_albedo(tracer, &point, sample));
         let diffuse =
             Vec3::from_array(surface.albedo) * radiosity + Vec3::from_array(surface.emission);
-        match (surface.gloss, sample) {
-            (Some(gloss), Some(sample)) => {
-                diffuse + self.glossy_radiance(tracer, ray, &point, &gloss, sample)
-            }
-            _ => diffuse,
+        match surface.gloss {
+            Some(gloss) => diffuse + self.glossy_radiance(tracer, ray, &point, &gloss, sample),
+            None => diffuse,
         }
+    }
+
+    /// Returns the linear radiance of a hit without light, or with light baked into vertex colours:
+    /// albedo plus emission. The albedo is limited to what the tone curve distinguishes.
+    pub fn unlit_radiance(&self, tracer: &Tracer, hit: &Hit) -> Vec3 {
+        let [_, limit] = self.tone.range();
+        let scene = tracer.scene();
+        let albedo = scene.paint(hit.primitive).albedo_up_to(limit, hit.u, hit.v);
+        Vec3::from(albedo) + Vec3::from(scene.emission(hit.primitive, hit.u, hit.v))
     }
 
     /// Returns one sample of the radiance that a glossy surface reflects toward the origin of

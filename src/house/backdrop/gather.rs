@@ -113,6 +113,7 @@ impl CubeJob<'_> {
     /// without a hit.
     fn trace(&self, batch: &RayBatch) -> (Vec<RowSample>, Vec<u32>) {
         let tracer = self.house.tracer();
+        let tone = self.house.lighting().tone;
         let from_centre = (tracer.origin() - self.centre).as_vec3();
         let most = self.tolerance() / 2.0;
         let (mut samples, mut misses) = (Vec::with_capacity(batch.rays.len()), Vec::new());
@@ -154,7 +155,8 @@ impl CubeJob<'_> {
                     column: (pixel % self.face_px) as u16,
                     inverse_depth,
                     normal: EncodedNormal::new(normal),
-                    color: LinearColor16::new(color),
+                    // Under the tone curve: 16 bits would be too coarse for all that it compresses.
+                    color: LinearColor16::new(color.map(|c| tone.compressed(c))),
                     weight: 1.0,
                     area,
                 };
@@ -192,6 +194,7 @@ impl CubeJob<'_> {
             half_size_m: HALF_SIZE_M,
             frame: self.house.scene().frame,
             exposure: self.house.lighting().exposure,
+            tone: self.house.lighting().tone,
             parameters,
             rays_traced: batches
                 .iter()

@@ -11,7 +11,6 @@
 
 use crate::house::House;
 use glam::{DVec3, Vec3};
-use headbox_core::color::srgb8_from_linear;
 use headbox_cube::model::samples::{DepthPixel, EncodedNormal, LayeredDepthImage};
 use headbox_trace::bvh::Ray;
 use rayon::prelude::*;
@@ -117,7 +116,7 @@ impl BackdropRepair<'_> {
         let hit = tracer.closest(&ray)?;
         let (color, hit_normal) = self.house.surface(&ray, &hit);
         let cosine = hit_normal.dot(normal);
-        let [r, g, b] = color.to_array().map(srgb8_from_linear);
+        let [r, g, b] = self.house.lighting().tone.levels(color);
         // The ray may hit its other side.
         (cosine.abs() >= MIN_COSINE).then(|| DepthPixel {
             inverse_depth: 1.0 / hit.t,
@@ -203,7 +202,7 @@ mod tests {
             };
             if let Some(hit) = house.tracer().closest(&ray) {
                 let (color, normal) = house.surface(&ray, &hit);
-                let [r, g, b] = color.to_array().map(srgb8_from_linear);
+                let [r, g, b] = house.lighting().tone.levels(color);
                 let normal = EncodedNormal::new(normal);
                 image.samples.push(DepthPixel {
                     inverse_depth: 1.0 / hit.t,

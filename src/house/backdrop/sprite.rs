@@ -5,7 +5,6 @@ use crate::house::House;
 use crate::portal_opening::Opening;
 use glam::{DVec3, Vec3};
 use headbox_core::camera::{Camera, fov_deg};
-use headbox_core::color::srgb8_from_linear;
 use headbox_core::depth_kind::DepthKind;
 use headbox_core::frame::{Coverage, Frame};
 use headbox_sprite::{
@@ -213,7 +212,7 @@ fn trace_pixel(house: &House, opening: &Opening, camera: &Camera, [x, y]: [u32; 
     }
     let middle = camera.direction(f64::from(x) + 0.5, f64::from(y) + 0.5);
     let depth = radiance(house, opening, camera.eye(), middle).map_or(nearest, |(_, depth)| depth);
-    let [r, g, b] = (sum / hits as f32).to_array().map(srgb8_from_linear);
+    let [r, g, b] = house.lighting().tone.levels(sum / hits as f32);
     // Directions have eye depth 1: distance along the normal per metre of depth.
     let toward = -opening.normal.dot(middle);
     let behind_m = (f64::from(depth) * toward - opening.distance_in_front(camera.eye())) as f32;

@@ -6,7 +6,6 @@ use crate::house::House;
 use crate::portal_opening::Opening;
 use glam::{DVec2, DVec3, Vec3};
 use headbox_core::camera::Camera;
-use headbox_core::color::srgb8_from_linear;
 use headbox_core::frame::{Coverage, Frame};
 use headbox_core::image::texels;
 use headbox_trace::bvh::Ray;
@@ -164,9 +163,8 @@ fn trace_texel(
         };
         sum += house.radiance(&ray).0;
     }
-    let [r, g, b] = (sum / (RAYS_PER_SIDE * RAYS_PER_SIDE) as f32)
-        .to_array()
-        .map(srgb8_from_linear);
+    let mean = sum / (RAYS_PER_SIDE * RAYS_PER_SIDE) as f32;
+    let [r, g, b] = house.lighting().tone.levels(mean);
     [r, g, b, 255]
 }
 

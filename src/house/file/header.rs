@@ -3,6 +3,7 @@
 use crate::backdrop::{BackdropKind, BackdropQuality, PortalSide};
 use crate::house::HouseError;
 use glam::{DVec2, DVec3, Vec3};
+use headbox_core::color::tone::ToneMap;
 use headbox_core::container::{FileError, FileKind};
 use headbox_core::file_frame::FileFrame;
 use headbox_core::read_note::ReadNote;
@@ -42,6 +43,9 @@ pub(super) struct HouseHeader {
     /// Size of a sky image (columns, rows) and its rotation, degrees; it replaces `sky`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(super) sky_picture: Option<([u32; 2], f64)>,
+    /// Tone curve of frames and backdrops; houses in older files are clipped at white.
+    #[serde(default, skip_serializing_if = "is_clipped")]
+    pub(super) tone: ToneMap,
     pub(super) headbox: Option<(DVec3, f64)>,
     pub(super) notes: Vec<ReadNote>,
     pub(super) positions: usize,
@@ -76,6 +80,10 @@ pub(super) struct MaterialRecord {
     pub(super) cutout: Option<(Option<u32>, f32)>,
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub(super) single_sided: bool,
+}
+
+fn is_clipped(tone: &ToneMap) -> bool {
+    *tone == ToneMap::SrgbClipped
 }
 
 fn is_zero(count: &usize) -> bool {

@@ -169,6 +169,7 @@ fn read_model(
                 angular_radius_rad,
             }),
         sky,
+        tone: header.tone,
         frame: header.frame,
         headbox: header.headbox.map(|(centre, half_size_m)| Headbox {
             centre,

@@ -136,6 +136,7 @@ fn create_header(
             .map(|sun| (sun.direction, sun.irradiance, sun.angular_radius_rad)),
         sky,
         sky_picture,
+        tone: scene.tone,
         headbox: scene
             .headbox
             .map(|headbox| (headbox.centre, headbox.half_size_m)),

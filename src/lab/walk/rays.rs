@@ -2,9 +2,8 @@
 //! walks.
 
 use crate::turns::{least, time_ms};
-use glam::Vec3;
 use headbox_core::camera::Camera;
-use headbox_core::color::srgb_table::encode_srgb;
+use headbox_core::color::srgb_table::SrgbTable;
 use headbox_house::house::House;
 use headbox_trace::bvh::{Hit, HitPacket, PACKET, Ray, RayPacket};
 use rayon::prelude::*;
@@ -48,11 +47,10 @@ fn block_row(house: &House, camera: &Camera, row: u32) -> Vec<[u8; 4]> {
     let packets: Vec<RayPacket> = (0..camera.width().div_ceil(SIDE)).map(packet).collect();
     let mut hits = vec![HitPacket::MISS; packets.len()];
     house.tracer().closest_packets(&packets, &mut hits);
+    let table = SrgbTable::get(house.lighting().tone);
     let shade = |hit: Hit| {
-        let surface = house.scene().surface(hit.primitive, hit.u, hit.v);
-        let [r, g, b] = (Vec3::from(surface.albedo) + Vec3::from(surface.emission))
-            .to_array()
-            .map(encode_srgb);
+        let radiance = house.lighting().unlit_radiance(house.tracer(), &hit);
+        let [r, g, b] = radiance.to_array().map(|c| table.encode(c));
         [r, g, b, 255]
     };
     hits.iter()

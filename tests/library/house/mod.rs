@@ -8,3 +8,4 @@ mod raster;
 mod raster_colors;
 mod raster_coverage;
 mod three_rooms;
+mod tone;

@@ -2,7 +2,6 @@
 
 use glam::{DVec2, DVec3, Vec3, dvec3};
 use headbox_core::camera::Camera;
-use headbox_core::color::srgb8_from_linear;
 use headbox_core::frame::Frame;
 use headbox_core::random::Rng;
 use headbox_house::backdrop::{Backdrop, BackdropKind, BackdropQuality, PortalSide};
@@ -276,11 +275,11 @@ pub(crate) fn truth(house: &House, camera: &Camera) -> Vec<[u8; 3]> {
             t_min: 0.0,
             t_max: f32::INFINITY,
         };
-        let linear = match house.tracer().closest(&ray) {
-            Some(hit) => house.scene().surface(hit.primitive, hit.u, hit.v).albedo,
-            None => house.lighting().miss_radiance(ray.direction.normalize()),
-        };
-        linear.map(srgb8_from_linear)
+        let lighting = house.lighting();
+        lighting.stored(match house.tracer().closest(&ray) {
+            Some(hit) => lighting.unlit_radiance(house.tracer(), &hit),
+            None => lighting.miss_radiance(ray.direction.normalize()).into(),
+        })
     };
     (0..camera.width() * camera.height()).map(pixel).collect()
 }

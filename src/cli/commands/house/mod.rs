@@ -66,7 +66,7 @@ impl HouseCommand {
         let outputs =
             Outputs::new(self.json, [&self.model]).maybe_file(self.plan.as_ref(), &PLAN)?;
         let outputs = self.file.add_outputs(outputs)?;
-        let writes = self.file.check()?;
+        let writes = self.file.check(&self.light.parameters())?;
         let LoadedModel {
             mut model,
             mut findings,

@@ -7,6 +7,9 @@ use crate::output::{HOUSE, Outputs, PATH, write_text};
 use crate::progress::{Bar, duration};
 use clap::Args;
 use headbox_core::camera::Camera;
+use headbox_core::color::exposure::Exposure;
+use headbox_core::color::tone::ToneMap;
+use headbox_core::light_parameters::LightParameters;
 use headbox_core::progress::Progress;
 use headbox_house::backdrop::{BackdropKind, BackdropQuality};
 use headbox_house::file;
@@ -105,9 +108,19 @@ impl Progress for InterruptibleBar {
 }
 
 impl HouseFileArgs {
-    /// Checks the arguments. Returns true if a file is to be written.
-    pub(super) fn check(&self) -> Result<bool, UsageError> {
+    /// Checks the arguments and the light. Returns true if a file is to be written.
+    pub(super) fn check(&self, light: &LightParameters) -> Result<bool, UsageError> {
         self.kinds()?;
+        if light.tone == ToneMap::SrgbCompressed {
+            return Err(UsageError(
+                "--tone hdr: the frames of a house have no later --exposure; give --tone neutral or linear".into(),
+            ));
+        }
+        if self.unlit && light.exposure != Exposure::default() {
+            return Err(UsageError(
+                "--exposure is for baked light; --unlit keeps the colours of the model".into(),
+            ));
+        }
         if self.edge.is_nan() || self.edge < 0.01 {
             return Err(UsageError(format!(
                 "--edge {}: give a length of at least 0.01 m",

@@ -147,7 +147,7 @@ fn header(house: &House, first: &Camera, floors: &[Floor]) -> Value {
         "start": local(first.eye()),
         "ahead": first.forward(),
         "step": POSITION_STEP_M,
-        "exposure": exposure,
+        "tone": house.lighting().tone.range(),
         "materials": scene.materials.iter().map(material).collect::<Vec<_>>(),
         "cells": plan.cells.iter().map(cell).collect::<Vec<_>>(),
         "portals": plan.portals.iter().map(portal).collect::<Vec<_>>(),

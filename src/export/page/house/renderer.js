@@ -85,7 +85,7 @@ export class Renderer {
     gl.clearDepth(1);
     gl.clear(gl.DEPTH_BUFFER_BIT);
     const { eye, right, up, back, focal, principal, size } = camera;
-    this.meshProgram.use({ eye, right, up, back, focal, principal, size, nearM: NEAR_M, exposure: header.exposure, shade });
+    this.meshProgram.use({ eye, right, up, back, focal, principal, size, nearM: NEAR_M, tone: header.tone, shade });
     for (const { array, runs } of this.inView(camera)) {
       gl.bindVertexArray(array);
       let first = 0;

@@ -22,16 +22,24 @@ void main() {
 
 export const MESH_FRAGMENT = `${HEAD}${CURVES}
 uniform vec3 albedo, emission;           // under the exposure
-uniform float exposure, threshold, shade;
+uniform vec2 tone;                       // linear up to the first, white from the second on
+uniform float threshold, shade;
 uniform sampler2D albedoTexture, emissionTexture, cutout;
 in vec3 light;
 in vec2 at;
 out vec4 color;
+// The tone curve (tone.rs), without sRGB encoding.
+float compressed(float exposed) {
+  float x = min(exposed, tone.y), s = 1.0 - tone.x;
+  if (x <= tone.x) return x;
+  float t = (x - tone.x) / s, w = (tone.y - tone.x) / s;
+  return min(tone.x + s * t * (1.0 + t / (w * w)) / (1.0 + t), 1.0);
+}
 void main() {
   if (textureLod(cutout, at, 0.0).a < threshold) discard;
-  vec3 lit = clamp(light * albedo * texture(albedoTexture, at).rgb, 0.0, exposure);
+  vec3 lit = max(light * albedo * texture(albedoTexture, at).rgb, 0.0);
   vec3 all = lit + emission * texture(emissionTexture, at).rgb;
-  color = vec4(srgb(min(all, 1.0)) * shade, 1.0);
+  color = vec4(srgb(vec3(compressed(all.r), compressed(all.g), compressed(all.b))) * shade, 1.0);
 }`;
 
 /** What is behind all surfaces. */
