@@ -85,7 +85,11 @@ pub fn check_headbox(tracer: &Tracer, headbox: &Headbox) -> Option<HeadboxWarnin
             ..*headbox
         },
         _ => {
-            let clearance_m = (2.0 * headbox.half_size_m).min(usual.clearance_m);
+            let clearance_m = if flaw == HeadboxFlaw::Cramped {
+                usual.clearance_m / 2.0
+            } else {
+                (2.0 * headbox.half_size_m).min(usual.clearance_m)
+            };
             let nearest = nearest_place(tracer, headbox.centre, &usual, clearance_m);
             Headbox {
                 centre: nearest.unwrap_or(reference),

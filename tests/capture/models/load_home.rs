@@ -368,7 +368,7 @@ fn non_home_is_refused() {
         let is_built = notes.iter().any(|n| n.starts_with("no OBJ export"));
         assert!(is_built, "{notes:?}");
     }
-    assert!(error_of(&two, "a.obj").contains("unknown home format"));
+    assert!(error_of(&two, "a.obj").contains("not a home; use"));
     assert!(error_of(&two, "none.xml").contains("No such file"));
 }
 

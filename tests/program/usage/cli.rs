@@ -81,7 +81,7 @@ fn bad_outputs_are_refused_before_any_work() {
         &["render", "a.ldi", "-o", "a.ldi"],
         "input of this command",
     );
-    refused(2, &["render", "a.ldi", "-o", "x.gif"], ".png, .jpg");
+    refused(2, &["render", "a.ldi", "-o", "x.svg"], ".png, .jpg");
     refused(
         2,
         &["render", "a.ldi", "-o", "-", "--json"],
