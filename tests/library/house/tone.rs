@@ -105,8 +105,11 @@ fn backdrops_have_the_tone_curve_of_geometry() {
             "{kind:?}: {found} levels a pixel, {expected} of geometry"
         );
         let whites = [&darker, &brighter].map(|color| white_pixels(color, |i| behind.contains(&i)));
-        // The sky in cracks of a window LDI is white.
-        assert!(10 * whites[0] < whites[1], "{kind:?}: {whites:?}");
+        // Where the ceiling meets a wall, splats are up to 7 levels brighter than geometry.
+        assert!(
+            20 * whites[0] < whites[1],
+            "{kind:?}: {whites:?} white pixels"
+        );
     }
 }
 

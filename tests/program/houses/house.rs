@@ -288,6 +288,16 @@ fn mistakes_are_named() {
         &["builtin:house", "--plan", "plan.jpg"],
         "the ending of a plan is .svg",
     );
+    says(
+        2,
+        &["builtin:house", "--tone", "hdr"],
+        "give --tone neutral or linear",
+    );
+    says(
+        2,
+        &["builtin:house", "--unlit", "--exposure", "1"],
+        "--exposure is for baked light",
+    );
     says(1, &["nowhere.toml"], "nowhere.toml: No such file");
     says(1, &["other/plan.obj"], "unknown home format");
     says(1, &["Home.xml"], "Home.xml: ");
