@@ -141,7 +141,7 @@ fn nearest_place(
             && !is_inside_solid(&around, usual)
     };
     let seeded = |i: u32| {
-        if i % 2 == 0 {
+        if i.is_multiple_of(2) {
             seeded_place(i, low, high)
         } else {
             seeded_place(i, wanted - reach, wanted + reach)
