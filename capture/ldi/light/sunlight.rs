@@ -1,5 +1,5 @@
-//! Takes the samples of the sun and other sharp lights: one everywhere, and more where neighbours on
-//! one surface disagree on it, which is at the edges of its shadows.
+//! Takes the samples of the sun and other sharp lights: one everywhere, and more where neighbours
+//! on one surface disagree on it, which is at the edges of its shadows.
 
 use super::pool::same_surface;
 use super::sample_light::FaceLight;

@@ -14,9 +14,10 @@ pub struct Headbox {
 }
 
 impl Headbox {
-    /// Returns cameras on a closed loop about the eye of `first`, twice as wide as high, in the plane
-    /// of its image and without turning, as a head moves to show parallax. The loop extends over nine
-    /// tenths of the way to the nearest face of the headbox. `None` if the eye is not inside.
+    /// Returns cameras on a closed loop about the eye of `first`, twice as wide as high, in the
+    /// plane of its image and without turning, as a head moves to show parallax. The loop extends
+    /// over nine tenths of the way to the nearest face of the headbox. `None` if the eye is not
+    /// inside.
     #[must_use]
     pub fn camera_loop(&self, first: &Camera, count: usize) -> Option<Vec<Camera>> {
         /// Extent of the loop, in distances of the eye from the nearest face.

@@ -1,5 +1,5 @@
-//! Images in memory: decoding and encoding, channels of EXR by name, chunks of PNG, EXIF orientation, mip
-//! pyramids, bilinear samples, and the pixels that a triangle covers.
+//! Images in memory: decoding and encoding, channels of EXR by name, chunks of PNG, EXIF
+//! orientation, mip pyramids, bilinear samples, and the pixels that a triangle covers.
 
 pub mod codec;
 pub mod exr_channels;

@@ -52,8 +52,8 @@ pub(crate) struct RenderCommand {
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
     /// Output image (.png, .jpg, .webp, .tif, .bmp or .tga; `-` for PNG on standard output; of an
-    /// .ldi also .exr with linear radiance); a film (.mp4 or .webm, which need ffmpeg, .apng or .gif);
-    /// or with --path a folder for frames and times.csv
+    /// .ldi also .exr with linear radiance); a film (.mp4 or .webm, which need ffmpeg, .apng or
+    /// .gif); or with --path a folder for frames and times.csv
     #[arg(short, long)]
     output: PathBuf,
     #[command(flatten)]

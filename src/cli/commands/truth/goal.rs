@@ -32,9 +32,9 @@ impl Goal {
         }
     }
 
-    /// Returns a note on the time that the goal takes, once it can be estimated: after `samples` rays
-    /// per pixel of `expected_samples`, each `ray_s` seconds. `None` before and after, if the time is
-    /// short, and if it is given.
+    /// Returns a note on the time that the goal takes, once it can be estimated: after `samples`
+    /// rays per pixel of `expected_samples`, each `ray_s` seconds. `None` before and after, if the
+    /// time is short, and if it is given.
     pub(super) fn note(&self, samples: u32, expected_samples: f64, ray_s: f64) -> Option<String> {
         /// Rays per pixel of the first round.
         const FIRST_ROUND: u32 = 2;

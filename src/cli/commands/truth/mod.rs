@@ -37,8 +37,8 @@ pub(crate) struct TruthCommand {
     scene: SceneArgs,
     #[command(flatten)]
     strict: StrictArgs,
-    /// Image to write: .png, in which `compare` finds its standard error, .jpg, .webp, .tif, .bmp or
-    /// .tga, or linear radiance, .exr; `-` for standard output (PNG); with --images a folder
+    /// Image to write: .png, in which `compare` finds its standard error, .jpg, .webp, .tif, .bmp
+    /// or .tga, or linear radiance, .exr; `-` for standard output (PNG); with --images a folder
     #[arg(short, long)]
     output: PathBuf,
     /// Write a folder of images with depth instead, an image set for capture, render, view and
