@@ -383,6 +383,13 @@ fn stereo_panoramas_cover_all_or_half_directions() {
     );
 }
 
+/// Writes a small unlit house, `a.house`.
+fn write_house(folder: &Path) {
+    let arguments =
+        "house builtin:house --triangles 2000 --rays 0 --unlit --backdrops none -o a.house";
+    succeeds(folder, &arguments.split(' ').collect::<Vec<_>>());
+}
+
 #[test]
 fn films_without_path_move_in_headbox_or_walk_through_house() {
     let dir = tempfile::tempdir().unwrap();
@@ -409,17 +416,7 @@ fn films_without_path_move_in_headbox_or_walk_through_house() {
         &["a.ldi", "-o", "a.png", "--fps", "3"],
         "--fps is for films",
     );
-    let house = [
-        "house",
-        "builtin:house",
-        "--triangles",
-        "2000",
-        "--rays",
-        "0",
-        "--unlit",
-    ];
-    let output = ["--backdrops", "none", "-o", "a.house"];
-    succeeds(dir.path(), &[house.as_slice(), &output].concat());
+    write_house(dir.path());
     let poses = film(&["a.house", "-o", "walk.gif", "--fps", "1"]);
     assert!((20..200).contains(&poses), "{poses} poses at 1.4 m/s");
     refused(
@@ -432,18 +429,7 @@ fn films_without_path_move_in_headbox_or_walk_through_house() {
 #[test]
 fn homes_and_lumigraphs_export_only_as_pages() {
     let dir = tempfile::tempdir().unwrap();
-    let house = [
-        "house",
-        "builtin:house",
-        "--triangles",
-        "2000",
-        "--rays",
-        "0",
-        "--unlit",
-        "--backdrops",
-        "none",
-    ];
-    succeeds(dir.path(), &[house.as_slice(), &["-o", "a.house"]].concat());
+    write_house(dir.path());
     let lumi = [
         "lumigraph",
         "builtin:bump",
