@@ -6,9 +6,7 @@
 //! Portal models and houses: `houses.rs`; PLY, STL and compressed glTF: `scenes.rs`; `pictures.rs`;
 //! `image_sets.rs`.
 
-use crate::mutations::{
-    MutationRng, Rounds, corpus, corpus_folder, lock_allocations, try_mutations, written_bytes,
-};
+use crate::mutations::{Alone, MutationRng, Rounds, corpus, corpus_folder, written_bytes};
 use glam::DVec3;
 use headbox_core::camera::Camera;
 use headbox_core::file_frame::FileFrame;
@@ -247,20 +245,23 @@ fn sprite_bytes(format: DisplacementFormat) -> Vec<u8> {
 
 #[test]
 fn cube_ldi_files() {
+    let alone = Alone::lock();
     let originals = [cube(), cube_with_planes()]
         .map(|cube| written_bytes(|path| cube.write(path).expect("written")));
-    try_mutations("a.ldi", &originals, true, read_ldi);
+    alone.try_mutations("a.ldi", &originals, true, read_ldi);
 }
 
 #[test]
 fn shard_files() {
-    try_mutations("a.shard", &[shard_bytes()], true, read_shard);
+    let alone = Alone::lock();
+    alone.try_mutations("a.shard", &[shard_bytes()], true, read_shard);
 }
 
 #[test]
 fn sprite_files() {
+    let alone = Alone::lock();
     let originals = [DisplacementFormat::I8, DisplacementFormat::F32].map(sprite_bytes);
-    try_mutations("a.sprite", &originals, true, read_sprite);
+    alone.try_mutations("a.sprite", &originals, true, read_sprite);
 }
 
 fn lumigraph_bytes(slabs: usize, layers: usize) -> Vec<u8> {
@@ -290,7 +291,8 @@ fn lumigraph_bytes(slabs: usize, layers: usize) -> Vec<u8> {
 
 #[test]
 fn lumigraph_files() {
-    try_mutations(
+    let alone = Alone::lock();
+    alone.try_mutations(
         "a.lumi",
         &[(1, 5), (1, 60_000), (3, 5)].map(|(slabs, layers)| lumigraph_bytes(slabs, layers)),
         true,
@@ -300,7 +302,8 @@ fn lumigraph_files() {
 
 #[test]
 fn camera_paths() {
-    try_mutations(
+    let alone = Alone::lock();
+    alone.try_mutations(
         "a.json",
         &["list.json", "camera.json", "path.json"].map(corpus),
         false,
@@ -310,13 +313,15 @@ fn camera_paths() {
 
 #[test]
 fn obj_files() {
-    try_mutations("a.obj", &["a.obj", "b.obj"].map(corpus), false, read_scene);
+    let alone = Alone::lock();
+    alone.try_mutations("a.obj", &["a.obj", "b.obj"].map(corpus), false, read_scene);
 }
 
 #[test]
 fn mtl_files() {
+    let alone = Alone::lock();
     let obj = corpus("a.obj");
-    try_mutations("a.mtl", &[corpus("a.mtl")], false, |path| {
+    alone.try_mutations("a.mtl", &[corpus("a.mtl")], false, |path| {
         std::fs::write(path.with_extension("obj"), &obj).expect("written");
         read_scene(&path.with_extension("obj"))
     });
@@ -324,7 +329,8 @@ fn mtl_files() {
 
 #[test]
 fn gltf_files() {
-    try_mutations(
+    let alone = Alone::lock();
+    alone.try_mutations(
         "a.gltf",
         &["a.gltf", "nodes.gltf"].map(corpus),
         false,
@@ -334,7 +340,8 @@ fn gltf_files() {
 
 #[test]
 fn glb_files() {
-    try_mutations("a.glb", &[corpus("a.glb")], false, read_scene);
+    let alone = Alone::lock();
+    alone.try_mutations("a.glb", &[corpus("a.glb")], false, read_scene);
 }
 
 pub(crate) fn read_depth(path: &Path) -> bool {
@@ -349,13 +356,14 @@ pub(crate) fn read_depth(path: &Path) -> bool {
 
 #[test]
 fn depth_pictures() {
+    let alone = Alone::lock();
     let depth = DepthPicture {
         width: 9,
         height: 7,
         values: (0..63).map(|i| 1.0 + i as f32).collect(),
     };
     let exr = written_bytes(|path| write_depth_exr(&depth, path).expect("written"));
-    try_mutations("a.exr", &[exr], false, read_depth);
+    alone.try_mutations("a.exr", &[exr], false, read_depth);
     let grey = image::ImageBuffer::<image::Luma<u16>, _>::from_fn(9, 7, |x, y| {
         image::Luma([(x * 300 + y) as u16])
     });
@@ -363,11 +371,12 @@ fn depth_pictures() {
         grey.save_with_format(path, image::ImageFormat::Png)
             .expect("written");
     });
-    try_mutations("a.png", &[png], false, read_depth);
+    alone.try_mutations("a.png", &[png], false, read_depth);
 }
 
 #[test]
 fn textures() {
+    let alone = Alone::lock();
     let picture = image::RgbaImage::from_fn(6, 5, |x, y| {
         image::Rgba([x as u8 * 40, y as u8 * 40, 9, 255 - x as u8 * 50])
     });
@@ -386,7 +395,7 @@ fn textures() {
     {
         let obj = "mtllib t.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nusemtl m\nf 1/1 2/1 3/1\n";
         let mtl = format!("newmtl m\nmap_Kd {name}\n");
-        try_mutations(name, &[original], false, |path| {
+        alone.try_mutations(name, &[original], false, |path| {
             std::fs::write(path.with_file_name("t.mtl"), &mtl).expect("written");
             std::fs::write(path.with_file_name("t.obj"), obj).expect("written");
             // A scene is valid without its texture.
@@ -411,7 +420,8 @@ fn read_report(path: &Path) -> bool {
 
 #[test]
 fn reports() {
-    try_mutations("a.report", &[corpus("a.report")], false, read_report);
+    let alone = Alone::lock();
+    alone.try_mutations("a.report", &[corpus("a.report")], false, read_report);
 }
 
 /// Sometimes damages a plane texture or a plane.
@@ -435,7 +445,7 @@ fn break_plane_texture(set: &mut PlaneSet, rng: &mut MutationRng) {
 
 #[test]
 fn mutated_packed_cubes_never_panic() {
-    let _lock = lock_allocations();
+    let _alone = Alone::lock();
     let original = cube_with_planes();
     let mut invalid = 0;
     let mut rounds = Rounds::new(CASES);

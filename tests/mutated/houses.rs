@@ -1,6 +1,6 @@
 //! Mutated portal models, houses with their backdrops, and cached truth.
 
-use crate::mutations::{corpus, corpus_folder, try_mutations, written_bytes};
+use crate::mutations::{Alone, corpus, corpus_folder, written_bytes};
 use glam::{DVec3, dvec3};
 use headbox_core::camera::Camera;
 use headbox_core::progress::Silent;
@@ -58,17 +58,20 @@ fn read_beside_home(path: &Path) -> bool {
 
 #[test]
 fn sweet_home_plans() {
-    try_mutations("Home.xml", &[corpus("Home.xml")], false, read_beside_home);
+    let alone = Alone::lock();
+    alone.try_mutations("Home.xml", &[corpus("Home.xml")], false, read_beside_home);
 }
 
 #[test]
 fn sweet_home_archives() {
-    try_mutations("home.sh3d", &[corpus("home.sh3d")], false, read_beside_home);
+    let alone = Alone::lock();
+    alone.try_mutations("home.sh3d", &[corpus("home.sh3d")], false, read_beside_home);
 }
 
 #[test]
 fn portal_models() {
-    try_mutations("flat.toml", &[corpus("flat.toml")], false, read_beside_home);
+    let alone = Alone::lock();
+    alone.try_mutations("flat.toml", &[corpus("flat.toml")], false, read_beside_home);
 }
 
 /// The corpus's apartment with a backdrop of each kind of content: cubes, textures, a sprite.
@@ -125,7 +128,8 @@ fn read_house(path: &Path) -> bool {
 
 #[test]
 fn house_files() {
-    try_mutations("a.house", &[house_bytes()], true, read_house);
+    let alone = Alone::lock();
+    alone.try_mutations("a.house", &[house_bytes()], true, read_house);
 }
 
 /// A cache with one frame of truth.
@@ -189,9 +193,10 @@ impl TruthCache {
 
 #[test]
 fn kept_truth() {
+    let alone = Alone::lock();
     let cached = TruthCache::new();
     let original = std::fs::read(cached.file()).expect("read");
-    try_mutations("a.truth", &[original], true, |path| cached.check_with(path));
+    alone.try_mutations("a.truth", &[original], true, |path| cached.check_with(path));
 }
 
 /// Files of earlier failures, and a small file of every kind, must give a valid result or an error.

@@ -1,6 +1,6 @@
 //! Mutated image sets of all layouts: descriptions, poses, photographs and depth files.
 
-use crate::mutations::{Files, try_folders, written_bytes};
+use crate::mutations::{Alone, Files, written_bytes};
 use headbox_images::depth::DepthPicture;
 use headbox_images::{ImageSet, ImageSetOptions, write_depth_exr};
 use image::{ImageFormat, Luma, Rgb, RgbImage};
@@ -272,11 +272,12 @@ fn projections() -> Files {
 
 #[test]
 fn colmap_models() {
+    let alone = Alone::lock();
     let open_with_points = |folder: &Path| {
         let points = headbox_images::read_sparse_points(folder);
         open(folder) && points.is_ok()
     };
-    try_folders(
+    alone.try_folders(
         "COLMAP",
         &[colmap_text(), colmap_binary()],
         open_with_points,
@@ -285,6 +286,7 @@ fn colmap_models() {
 
 #[test]
 fn nerfstudio_sets() {
+    let alone = Alone::lock();
     let lens = r#""camera_model": "OPENCV", "k1": 0.1, "p1": 0.01,"#;
     let unit = r#""integer_depth_scale": 0.001,"#;
     let sets = [
@@ -293,22 +295,25 @@ fn nerfstudio_sets() {
         nerfstudio(npy("d.npy"), lens),
         nerfstudio(tiff("d.tif"), ""),
     ];
-    try_folders("transforms.json", &sets, open);
+    alone.try_folders("transforms.json", &sets, open);
 }
 
 #[test]
 fn rgbd_folders() {
-    try_folders("RGB-D folders", &[scannet(), tum(), replica()], open);
+    let alone = Alone::lock();
+    alone.try_folders("RGB-D folders", &[scannet(), tum(), replica()], open);
 }
 
 #[test]
 fn phone_exports() {
+    let alone = Alone::lock();
     let sets = [polycam(), record3d(), gaussians(), metashape()];
-    try_folders("phone exports", &sets, open);
+    alone.try_folders("phone exports", &sets, open);
 }
 
 #[test]
 fn other_sets() {
+    let alone = Alone::lock();
     let sets = [middlebury(), seurat(), panorama(), projections()];
-    try_folders("other sets", &sets, open);
+    alone.try_folders("other sets", &sets, open);
 }

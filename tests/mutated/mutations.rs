@@ -109,11 +109,45 @@ const CASES: u64 = 400;
 /// Pause between two mutations above which it is due to the machine and does not count.
 const LONGEST: Duration = Duration::from_secs(2);
 
-/// Locks the recorded allocation sizes, which tests share.
-pub fn lock_allocations() -> MutexGuard<'static, ()> {
-    static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
-    set_limit(BUDGET_BYTES);
-    ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner)
+/// The only test that runs. The allocator records what every thread requests, so that a test takes
+/// this before it builds its first file; else its originals count as another test's reader.
+pub struct Alone(MutexGuard<'static, ()>);
+
+impl Alone {
+    /// Waits until no other test runs.
+    pub fn lock() -> Self {
+        static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
+        set_limit(BUDGET_BYTES);
+        Self(ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+
+    /// Tries mutations of the originals, for a number of cases or a time.
+    pub fn try_mutations(
+        &self,
+        name: &str,
+        originals: &[Vec<u8>],
+        in_sections: bool,
+        read: impl Fn(&Path) -> bool,
+    ) {
+        let mutant = |original: &[u8], rng: &mut MutationRng| match in_sections {
+            true if rng.below(4) > 0 => {
+                let mut parts = Parts::parse(original);
+                parts.mutate(rng);
+                parts.file()
+            }
+            _ => mutant_of(name, original, rng),
+        };
+        let folders: Vec<Files> = originals
+            .iter()
+            .map(|original| vec![(name.to_owned(), original.clone())])
+            .collect();
+        try_cases(name, &folders, mutant, |folder| read(&folder.join(name)));
+    }
+
+    /// Tries folders in which one file is mutated, each of them equally often.
+    pub fn try_folders(&self, kind: &str, folders: &[Files], read: impl Fn(&Path) -> bool) {
+        try_cases(kind, folders, |_, _| Vec::new(), read);
+    }
 }
 
 /// Seeds for a number of cases or, if `HEADBOX_FUZZ_SECONDS` is set, for that time.
@@ -159,35 +193,8 @@ impl Rounds {
     }
 }
 
-/// Tries mutations of the originals, for a number of cases or a time.
-pub fn try_mutations(
-    name: &str,
-    originals: &[Vec<u8>],
-    in_sections: bool,
-    read: impl Fn(&Path) -> bool,
-) {
-    let mutant = |original: &[u8], rng: &mut MutationRng| match in_sections {
-        true if rng.below(4) > 0 => {
-            let mut parts = Parts::parse(original);
-            parts.mutate(rng);
-            parts.file()
-        }
-        _ => mutant_of(name, original, rng),
-    };
-    let folders: Vec<Files> = originals
-        .iter()
-        .map(|original| vec![(name.to_owned(), original.clone())])
-        .collect();
-    try_cases(name, &folders, mutant, |folder| read(&folder.join(name)));
-}
-
 /// Files of a folder, by their names relative to it.
 pub type Files = Vec<(String, Vec<u8>)>;
-
-/// Tries folders in which one file is mutated, each of them equally often.
-pub fn try_folders(kind: &str, folders: &[Files], read: impl Fn(&Path) -> bool) {
-    try_cases(kind, folders, |_, _| Vec::new(), read);
-}
 
 /// Mutates a file; three quarters of the mutants of a format with checksums or lengths of its own
 /// get valid ones, so that they reach the decoder.
@@ -210,7 +217,6 @@ fn try_cases(
     mutant: impl Fn(&[u8], &mut MutationRng) -> Vec<u8>,
     read: impl Fn(&Path) -> bool,
 ) {
-    let _lock = lock_allocations();
     let temporary = tempfile::tempdir().expect("a folder");
     let write_all = |folder: &Path, files: &Files| {
         for (name, bytes) in files {

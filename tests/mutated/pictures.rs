@@ -1,7 +1,7 @@
 //! Mutated pictures: depth files of all kinds, deep images, skies, and photographs.
 
 use crate::files::read_depth;
-use crate::mutations::{try_mutations, written_bytes};
+use crate::mutations::{Alone, written_bytes};
 use headbox_images::deep_exr::{DeepChannel, DeepCompression, DeepImage, DeepKind, DeepView};
 use headbox_images::read_color;
 use headbox_scene::scene::SkyPicture;
@@ -19,31 +19,35 @@ fn npy(kind: &str, data: Vec<u8>) -> Vec<u8> {
 
 #[test]
 fn npy_depth() {
+    let alone = Alone::lock();
     let floats = (0..48).flat_map(|i| (1.0 + i as f32).to_le_bytes());
     let integers = (0..48u16).flat_map(u16::to_be_bytes);
     let files = [npy("<f4", floats.collect()), npy(">u2", integers.collect())];
-    try_mutations("a.npy", &files, false, read_depth);
+    alone.try_mutations("a.npy", &files, false, read_depth);
 }
 
 #[test]
 fn tiff_depth() {
+    let alone = Alone::lock();
     let grey = image::ImageBuffer::from_fn(8, 6, |x, y| Luma([(x * 300 + y) as u16]));
     let picture = written_bytes(|path| {
         grey.save_with_format(path, ImageFormat::Tiff)
             .expect("written");
     });
-    try_mutations("a.tif", &[picture], false, read_depth);
+    alone.try_mutations("a.tif", &[picture], false, read_depth);
 }
 
 #[test]
 fn colmap_depth_maps() {
+    let alone = Alone::lock();
     let mut map = b"8&6&1&".to_vec();
     (0..48).for_each(|i| map.extend((1.0 + i as f32).to_le_bytes()));
-    try_mutations("a.bin", &[map], false, read_depth);
+    alone.try_mutations("a.bin", &[map], false, read_depth);
 }
 
 #[test]
 fn deep_images() {
+    let alone = Alone::lock();
     let channel = |name: &str, kind, first: f32| DeepChannel {
         name: name.into(),
         kind,
@@ -67,7 +71,7 @@ fn deep_images() {
         DeepCompression::Zips,
     ]
     .map(|compression| image.to_bytes(compression).expect("encoded"));
-    try_mutations("deep.exr", &files, false, |path| {
+    alone.try_mutations("deep.exr", &files, false, |path| {
         DeepImage::read(path).is_ok()
     });
 }
@@ -82,6 +86,7 @@ fn read_sky(path: &Path) -> bool {
 
 #[test]
 fn skies() {
+    let alone = Alone::lock();
     let mut flat = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\nEXPOSURE=2\n\n-Y 8 +X 16\n".to_vec();
     let mut packed = flat.clone();
     for y in 0..8u8 {
@@ -91,16 +96,17 @@ fn skies() {
         }
         (0..16).for_each(|x| flat.extend([x, y, 30, 129]));
     }
-    try_mutations("sky.hdr", &[flat, packed], false, read_sky);
+    alone.try_mutations("sky.hdr", &[flat, packed], false, read_sky);
     let exr = written_bytes(|path| {
         exr::prelude::write_rgb_file(path, 16, 8, |x, y| (x as f32, y as f32, 0.5))
             .expect("written");
     });
-    try_mutations("sky.exr", &[exr], false, read_sky);
+    alone.try_mutations("sky.exr", &[exr], false, read_sky);
 }
 
 #[test]
 fn photographs() {
+    let alone = Alone::lock();
     let picture = RgbImage::from_fn(20, 14, |x, y| Rgb([x as u8 * 12, y as u8 * 18, 7]));
     for (name, format) in [
         ("a.jpg", ImageFormat::Jpeg),
@@ -112,6 +118,6 @@ fn photographs() {
         let bytes = written_bytes(|path| {
             picture.save_with_format(path, format).expect("written");
         });
-        try_mutations(name, &[bytes], false, |path| read_color(path).is_ok());
+        alone.try_mutations(name, &[bytes], false, |path| read_color(path).is_ok());
     }
 }

@@ -1,7 +1,7 @@
 //! Mutated scenes of the formats that `files.rs` does not have: PLY, STL, compressed glTF, and
 //! texts in other encodings.
 
-use crate::mutations::{Files, corpus, try_folders, try_mutations};
+use crate::mutations::{Alone, Files, corpus};
 use headbox_model::load::load_scene;
 use headbox_scene::load::LoadOptions;
 use std::fmt::Write;
@@ -67,17 +67,19 @@ fn binary_stl() -> Vec<u8> {
 
 #[test]
 fn ply_files() {
+    let alone = Alone::lock();
     let files = [
         PLY.into(),
         binary_ply("binary_little_endian"),
         binary_ply("binary_big_endian"),
     ];
-    try_mutations("a.ply", &files, false, read_scene);
+    alone.try_mutations("a.ply", &files, false, read_scene);
 }
 
 #[test]
 fn stl_files() {
-    try_mutations("a.stl", &[STL.into(), binary_stl()], false, read_scene);
+    let alone = Alone::lock();
+    alone.try_mutations("a.stl", &[STL.into(), binary_stl()], false, read_scene);
 }
 
 /// A cube by Draco 1.5: edge breaker, positions of 14 bits.
@@ -204,17 +206,20 @@ fn ktx2_glb() -> Vec<u8> {
 
 #[test]
 fn draco_meshes() {
-    try_mutations("draco.glb", &[draco_glb()], false, read_scene);
+    let alone = Alone::lock();
+    alone.try_mutations("draco.glb", &[draco_glb()], false, read_scene);
 }
 
 #[test]
 fn meshopt_meshes() {
-    try_mutations("meshopt.glb", &[meshopt_glb()], false, read_scene);
+    let alone = Alone::lock();
+    alone.try_mutations("meshopt.glb", &[meshopt_glb()], false, read_scene);
 }
 
 #[test]
 fn ktx2_textures() {
-    try_mutations("ktx2.glb", &[ktx2_glb()], false, read_scene);
+    let alone = Alone::lock();
+    alone.try_mutations("ktx2.glb", &[ktx2_glb()], false, read_scene);
 }
 
 /// The text in UTF-16 with a byte order mark.
@@ -225,6 +230,7 @@ fn utf16(text: &str) -> Vec<u8> {
 
 #[test]
 fn texts_in_other_encodings() {
+    let alone = Alone::lock();
     let obj = "mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nusemtl Wände\nf 1/1 2/1 3/1\n";
     let mtl = "newmtl Wände\nKd 0.5 0.4 0.3\nmap_Kd -s 2 2 2 Größe.png\nd 0.6\n";
     let latin = |text: &str| text.chars().map(|c| c as u8).collect::<Vec<u8>>();
@@ -247,7 +253,7 @@ fn texts_in_other_encodings() {
         ),
     ];
     let folders = [of(&utf16), of(&latin), japanese];
-    try_folders("encodings", &folders, |folder| {
+    alone.try_folders("encodings", &folders, |folder| {
         read_scene(&folder.join("a.obj"))
     });
 }
@@ -255,5 +261,6 @@ fn texts_in_other_encodings() {
 /// A GLB with textures and lights, whose chunks are mutated with valid lengths.
 #[test]
 fn glb_chunks() {
-    try_mutations("chunks.glb", &[corpus("a.glb")], false, read_scene);
+    let alone = Alone::lock();
+    alone.try_mutations("chunks.glb", &[corpus("a.glb")], false, read_scene);
 }
