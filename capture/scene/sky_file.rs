@@ -55,17 +55,100 @@ pub(super) fn read_hdr(path: &Path) -> Result<Texels, String> {
         // HDRShop's signature, which the decoder does not know.
         bytes = [b"#?RADIANCE", rest].concat();
     }
+    let order = ScanOrder::read(&mut bytes);
     let picture = codec::decode(&bytes, Some(path), codec::MAX_BYTES)
         .map_err(|error| error.to_string())?
         .image
         .into_rgb32f();
     let factors = read_factors(&bytes)?;
-    let (width, height) = picture.dimensions();
     let texel = |pixel: &image::Rgb<f32>| match factors {
         [1.0, 1.0, 1.0] => pixel.0,
         _ => std::array::from_fn(|c| pixel.0[c] / factors[c]),
     };
-    Ok(([width, height], picture.pixels().map(texel).collect()))
+    Ok(order.upright(
+        picture.dimensions().into(),
+        picture.pixels().map(texel).collect(),
+    ))
+}
+
+/// Order of the pixels of a Radiance picture, which its resolution line states: `-Y 512 +X 1024`
+/// for rows from the top, each from the left; `+X 1024 -Y 512` for columns from the left, each from
+/// the top.
+#[derive(Clone, Copy)]
+struct ScanOrder {
+    /// True if scanlines are columns.
+    by_column: bool,
+    /// True if the first pixel is at the right.
+    from_right: bool,
+    /// True if the first pixel is at the bottom.
+    from_bottom: bool,
+}
+
+impl ScanOrder {
+    /// Rows from the top, the only order that the decoder knows.
+    const UPRIGHT: Self = Self {
+        by_column: false,
+        from_right: false,
+        from_bottom: false,
+    };
+
+    /// Reads the resolution line and replaces it by that of [`Self::UPRIGHT`], with as many
+    /// scanlines. A line that is damaged stays, for the decoder to report.
+    fn read(bytes: &mut Vec<u8>) -> Self {
+        let Some(header) = bytes.windows(2).position(|pair| pair == b"\n\n") else {
+            return Self::UPRIGHT;
+        };
+        let start = header + 2;
+        let length = bytes[start..].iter().position(|&byte| byte == b'\n');
+        let end = start + length.unwrap_or(bytes.len() - start);
+        let line = String::from_utf8_lossy(&bytes[start..end]).into_owned();
+        let words: Vec<&str> = line.split_whitespace().collect();
+        let &[first, scanlines, second, pixels] = &words[..] else {
+            return Self::UPRIGHT;
+        };
+        let axes = [first, second];
+        let by_column = match axes {
+            ["-Y" | "+Y", "-X" | "+X"] => false,
+            ["-X" | "+X", "-Y" | "+Y"] => true,
+            _ => return Self::UPRIGHT,
+        };
+        let upright = format!("-Y {scanlines} +X {pixels}");
+        bytes.splice(start..end, upright.into_bytes());
+        Self {
+            by_column,
+            from_right: axes.contains(&"-X"),
+            from_bottom: axes.contains(&"+Y"),
+        }
+    }
+
+    /// Returns the size and the texels in rows from the top; `[length, count]` are those of the
+    /// scanlines in the file.
+    fn upright(self, [length, count]: [u32; 2], texels: Vec<[f32; 3]>) -> Texels {
+        let [width, height] = if self.by_column {
+            [count, length]
+        } else {
+            [length, count]
+        };
+        if !(self.by_column || self.from_right || self.from_bottom) {
+            return ([width, height], texels);
+        }
+        let texel = |i: usize| {
+            let [x, y] = [i % width as usize, i / width as usize];
+            let x = if self.from_right {
+                width as usize - 1 - x
+            } else {
+                x
+            };
+            let y = if self.from_bottom {
+                height as usize - 1 - y
+            } else {
+                y
+            };
+            let [scanline, at] = if self.by_column { [x, y] } else { [y, x] };
+            texels[scanline * length as usize + at]
+        };
+        ([width, height], (0..texels.len()).map(texel).collect())
+    }
 }
 
 /// Returns the product of `EXPOSURE=` and of `COLORCORR=` for each channel of a Radiance header:
@@ -130,6 +213,38 @@ pub(super) fn read_exr(path: &Path) -> Result<Texels, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn pictures_in_every_scan_order_are_upright() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("sky.hdr");
+        // The mantissa of red is 128 + 10 (3 y + x) at column x of three, row y of two from the top.
+        let texel = |x: u8, y: u8| [128 + 10 * (3 * y + x), 128, 128, 129];
+        let mut read_all = Vec::new();
+        for [y_axis, x_axis] in ["-Y", "+Y"]
+            .into_iter()
+            .flat_map(|y| ["+X", "-X"].map(|x| [y, x]))
+        {
+            let x = |i| if x_axis == "+X" { i } else { 2 - i };
+            let y = |i| if y_axis == "-Y" { i } else { 1 - i };
+            let rows = (0..2).flat_map(|j| (0..3).flat_map(move |i| texel(x(i), y(j))));
+            let columns = (0..3).flat_map(|i| (0..2).flat_map(move |j| texel(x(i), y(j))));
+            for (line, pixels) in [
+                (format!("{y_axis} 2 {x_axis} 3"), rows.collect::<Vec<u8>>()),
+                (format!("{x_axis} 3 {y_axis} 2"), columns.collect()),
+            ] {
+                let header = format!("#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n{line}\n");
+                std::fs::write(&path, [header.as_bytes(), &pixels].concat()).unwrap();
+                read_all.push((line, read_hdr(&path).unwrap()));
+            }
+        }
+        let (_, upright) = &read_all[0];
+        assert_eq!(upright.0, [3, 2]);
+        assert!(upright.1.is_sorted_by(|a, b| a[0] < b[0]), "{upright:?}");
+        for (line, read) in &read_all {
+            assert_eq!(read, upright, "{line}");
+        }
+    }
 
     #[test]
     fn signature_of_hdrshop_is_known() {
