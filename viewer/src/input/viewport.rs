@@ -310,7 +310,8 @@ impl Viewer {
         {
             let aspect = f64::from(rect.width() / rect.height().max(1.0))
                 / f64::from(self.display.stereo.places());
-            panels::overlay::inset::paint(painter, area, bounds, &self.eye.pose, aspect);
+            let (file_frame, pose) = (&info.file_frame, &self.eye.pose);
+            panels::overlay::inset::paint(painter, area, bounds, file_frame, pose, aspect);
         }
         if let Some(plan) = &info.plan
             && let Some(area) = panels::overlay::inset::frame(painter, rect, &mut corner, "Plan")

@@ -6,6 +6,7 @@ use crate::panels::overlay::strip;
 use crate::panels::theme;
 use egui::{Align2, FontId, Painter, Pos2, Rect, Stroke, StrokeKind, pos2, vec2};
 use glam::{DMat3, DVec3, dvec3};
+use headbox_core::file_frame::FileFrame;
 
 /// Distance of the insets from the frame's corner and from each other, points.
 pub(crate) const MARGIN_POINTS: f32 = 10.0;
@@ -89,9 +90,16 @@ impl Projection {
     }
 }
 
-/// Paints the box, the eye, its plumb line to the floor, and the frustum of a frame of `aspect` =
-/// width / height.
-pub(crate) fn paint(painter: &Painter, rect: Rect, bounds: &EyeBounds, pose: &Pose, aspect: f64) {
+/// Paints the box with its size in the axes and unit of the file, the eye, its plumb line to the
+/// floor, and the frustum of a frame of `aspect` = width / height.
+pub(crate) fn paint(
+    painter: &Painter,
+    rect: Rect,
+    bounds: &EyeBounds,
+    file_frame: &FileFrame,
+    pose: &Pose,
+    aspect: f64,
+) {
     let painter = painter.with_clip_rect(rect.expand(5.0).intersect(painter.clip_rect()));
     let projection = Projection::new(rect, bounds, pose);
     let near_edge = theme::mix(theme::LINE, theme::WARNING, bounds.edge_share(pose.eye));
@@ -121,15 +129,22 @@ pub(crate) fn paint(painter: &Painter, rect: Rect, bounds: &EyeBounds, pose: &Po
         painter.line_segment([corners[i], corners[(i + 1) % 4]], stroke);
     }
     painter.circle_filled(eye, 3.5, theme::ACCENT);
-    let size = bounds.half_size * 2.0;
-    let label = format!("{:.2} x {:.2} x {:.2} m", size.x, size.y, size.z);
     painter.text(
         rect.right_bottom(),
         Align2::RIGHT_BOTTOM,
-        label,
+        size_label(bounds.half_size * 2.0, file_frame),
         FontId::proportional(10.0),
         theme::INSET_TEXT,
     );
+}
+
+/// Formats the size of a box (world metres) in the axes and unit of the file, to a centimetre.
+fn size_label(size: DVec3, file_frame: &FileFrame) -> String {
+    let decimals = (2.5 + file_frame.unit_m.log10()).clamp(0.0, 12.0) as usize;
+    let edges = file_frame.file_from_world(size).abs().to_array();
+    let edges = edges.map(|edge| format!("{edge:.decimals$}")).join(" x ");
+    let unit = file_frame.unit_name().map(|unit| format!(" {unit}"));
+    edges + &unit.unwrap_or_default()
 }
 
 /// Corners of the view at a distance of `length` metres along the diagonal rays.
@@ -154,6 +169,7 @@ pub(crate) fn edges() -> impl Iterator<Item = (DVec3, DVec3)> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use headbox_core::file_frame::UpAxis;
 
     #[test]
     fn a_cube_has_twelve_edges_of_length_2() {
@@ -206,5 +222,14 @@ mod tests {
                 (projection.point(pose.eye), projection.point(pose.forward()));
             assert!(ahead.y < eye.y && nearness < 0.0, "{yaw}");
         }
+    }
+
+    #[test]
+    fn size_is_in_the_files_axes_and_unit() {
+        let size = dvec3(0.4, 1.2, 0.8);
+        let label = |up, unit_m| size_label(size, &FileFrame { up, unit_m });
+        assert_eq!(label(UpAxis::Y, 1.0), "0.40 x 1.20 x 0.80 m");
+        assert_eq!(label(UpAxis::Z, 0.01), "40 x 80 x 120 cm");
+        assert_eq!(label(UpAxis::Y, 0.025), "16 x 48 x 32");
     }
 }
