@@ -14,7 +14,7 @@ use std::path::Path;
 /// Renders the frame of the face -Z: linear red, green, blue of each pixel.
 fn face_frame(folder: &Path) -> Vec<[f32; 3]> {
     let info = json(folder, &["info", "a.ldi", "--json"]);
-    let centre: Vec<f64> = info["capture"]["centre"]
+    let centre: Vec<f64> = info["center"]
         .as_array()
         .unwrap()
         .iter()
@@ -147,7 +147,7 @@ fn deep_pictures_round_trip() {
     let dir = tempfile::tempdir().unwrap();
     capture(dir.path());
     let info = json(dir.path(), &["info", "a.ldi", "--json"]);
-    let centre: Vec<f64> = info["capture"]["centre"]
+    let centre: Vec<f64> = info["center"]
         .as_array()
         .unwrap()
         .iter()
@@ -160,7 +160,7 @@ fn deep_pictures_round_trip() {
         dir.path(),
         &["export", "a.ldi", "-o", "face.exr", "--face", "-Z"],
     );
-    let half = info["capture"]["half_size_m"].as_f64().unwrap().to_string();
+    let half = info["half_size"].as_f64().unwrap().to_string();
     // An environment map has no position.
     let place = ["--center", &text([x, y, z]), "--half-size", &half];
     succeeds(
@@ -296,7 +296,7 @@ fn deep_pictures_round_trip() {
         }
     }
     let told = json(dir.path(), &["info", "face.ldi", "--json"]);
-    let found: Vec<f64> = told["capture"]["centre"]
+    let found: Vec<f64> = told["center"]
         .as_array()
         .unwrap()
         .iter()

@@ -69,7 +69,7 @@ fn exports_are_whole_and_repeatable() {
     let info = json(dir.path(), &["info", "a.ldi", "--json"]);
     for point in points.chunks(40) {
         for (axis, bytes) in point[..24].chunks(8).enumerate() {
-            let centre = info["capture"]["centre"][axis].as_f64().unwrap();
+            let centre = info["center"][axis].as_f64().unwrap();
             assert!((f64::from_le_bytes(bytes.try_into().unwrap()) - centre).abs() < 100.0);
         }
     }
@@ -94,8 +94,8 @@ fn exports_are_whole_and_repeatable() {
         ],
     );
     let again = json(dir.path(), &["info", "again.ldi", "--json"]);
-    for field in ["centre", "half_size_m"] {
-        assert_eq!(again["capture"][field], info["capture"][field], "{field}");
+    for field in ["center", "half_size"] {
+        assert_eq!(again[field], info[field], "{field}");
     }
 }
 

@@ -16,6 +16,7 @@ use headbox_core::bounces::Bounces;
 use headbox_core::container::Container;
 use headbox_core::cube_face::Face;
 use headbox_core::file_frame::{figure, triple};
+use headbox_cube::model::info::CaptureInfo;
 use headbox_cube::pack::file::CUBE_LDI;
 use headbox_cube::pack::{CubeLdi, SegmentSide};
 use headbox_house::file::HOUSE_FILE;
@@ -23,7 +24,7 @@ use headbox_ldi::accumulate::shard::{self, SHARD};
 use headbox_ldi::scene_source::SceneSource;
 use headbox_lumigraph::LUMI_FILE;
 use headbox_sprite::{SPRITE_FILE, SpriteSet, SpriteWithDepth};
-use serde_json::json;
+use serde_json::{Value, json};
 use std::path::PathBuf;
 
 #[derive(Args)]
@@ -86,18 +87,20 @@ impl InfoCommand {
             })
         };
         let faces: Vec<_> = cube.segments.iter().map(segment).collect();
+        let info = &cube.info;
+        let frame = info.frame;
         if self.json {
+            let in_file = |direction| frame.file_from_world(direction * frame.unit_m);
             print_json(&json!({
                 "kind": CUBE_LDI.name, "bytes": bytes, "depth_pixels": cube.depth_pixel_count(), "faces": faces,
                 "face_size": cube.face_size_px, "layout": cube.layout, "environment_size": cube.environment.size_px,
-                "center": cube.info.frame.file_from_world(cube.info.centre),
-                "half_size": cube.info.half_size_m / cube.info.frame.unit_m,
-                "capture": cube.info, "planes": planes_json(&cube), "ok": true,
+                "center": frame.file_from_world(info.centre),
+                "half_size": info.half_size_m / frame.unit_m,
+                "ahead": info.ahead.map(in_file), "up_vector": info.up.map(in_file),
+                "capture": capture_json(info)?, "planes": planes_json(&cube), "ok": true,
             }));
             return Ok(());
         }
-        let info = &cube.info;
-        let frame = info.frame;
         println!("{}: {}, {bytes} bytes", self.file.display(), CUBE_LDI.name);
         println!("  scene       {}", info.scene);
         println!(
@@ -268,7 +271,7 @@ impl InfoCommand {
 }
 
 /// Describes the plane textures; `None` if there are none.
-fn planes_json(cube: &CubeLdi) -> Option<serde_json::Value> {
+fn planes_json(cube: &CubeLdi) -> Option<Value> {
     let set = &cube.planes;
     (!set.tiles.is_empty()).then(|| {
         json!({
@@ -279,7 +282,7 @@ fn planes_json(cube: &CubeLdi) -> Option<serde_json::Value> {
 }
 
 /// Describes a sprite; eye, look_at and fov are the arguments with which its camera is imported.
-pub(super) fn sprite_json(sprite: &SpriteWithDepth, set: &SpriteSet) -> serde_json::Value {
+pub(super) fn sprite_json(sprite: &SpriteWithDepth, set: &SpriteSet) -> Value {
     let (camera, plane) = (sprite.sprite().camera(), sprite.sprite().plane());
     let (columns, rows) = sprite.displacement().size();
     let in_file = |point: glam::DVec3| set.info.frame.file_from_world(point);
@@ -314,6 +317,18 @@ fn depth_range(sprite: &SpriteWithDepth) -> Option<[f64; 2]> {
         let [near, far] = range.unwrap_or([depth, depth]);
         Some([depth.min(near), depth.max(far)])
     })
+}
+
+/// Returns the fields of a capture's header but its positions and directions, which are in world
+/// axes there.
+fn capture_json(info: &CaptureInfo) -> serde_json::Result<Value> {
+    let mut fields = serde_json::to_value(info)?;
+    if let Some(fields) = fields.as_object_mut() {
+        for field in ["centre", "half_size_m", "ahead", "up"] {
+            fields.remove(field);
+        }
+    }
+    Ok(fields)
 }
 
 /// Describes the bounces of a capture's light.
