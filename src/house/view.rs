@@ -13,10 +13,10 @@ use glam::{DVec2, DVec3};
 use headbox_core::camera::Camera;
 use headbox_core::file_frame::FileFrame;
 use headbox_core::frame::Frame;
-use headbox_core::view::paint::{figure, hole_legend, paint_holes, swatch};
+use headbox_core::view::paint::{expose, figure, hole_legend, paint_holes, swatch};
 use headbox_core::view::{
-    Fact, FrameReport, FrameRequest, Navigation, OVERLAY, Ongoing, RENDERING, Refinement, Rendered,
-    Room, RoomMap, Setting, Stage, StartView, Statistics, Swatch, View,
+    EXPOSURE, Fact, FrameReport, FrameRequest, Navigation, OVERLAY, Ongoing, RENDERING, Refinement,
+    Rendered, Room, RoomMap, Setting, Stage, StartView, Statistics, Swatch, View,
 };
 use headbox_raster::{PixelContent, RasterOutput};
 use serde_json::json;
@@ -121,58 +121,62 @@ impl HouseView {
                 &OVERLAYS,
             )
             .with_flag(OVERLAY),
+            Setting::exposure(),
         ]
     }
 
-    /// Paints an overlay over a copy of the last frame and returns its legend; `None` without an
-    /// overlay.
-    fn paint(&mut self, overlay: Option<&&str>) -> Option<Vec<Swatch>> {
+    /// Paints an overlay over a copy of the last frame, which is `stops` brighter, and returns its
+    /// legend; `None` if there is nothing to paint.
+    fn paint(&mut self, overlay: Option<&&str>, stops: f64) -> Option<Vec<Swatch>> {
         let walk = self.tour.last();
-        match overlay {
+        let is_plain = overlay.is_none_or(|name| *name == "none");
+        if is_plain && stops == 0.0 {
+            return None;
+        }
+        self.painted.clone_from(&walk.frame);
+        if stops != 0.0 {
+            let tone = self.tour.house().lighting().tone;
+            expose(&mut self.painted.color, tone, stops);
+        }
+        Some(match overlay {
             Some(&"holes") => {
-                self.painted.clone_from(&walk.frame);
                 paint_holes(&walk.frame, &mut self.painted.color);
-                Some(hole_legend())
+                hole_legend()
             }
             Some(&"backdrops") => {
-                self.painted.clone_from(&walk.frame);
                 paint_backdrops(walk, &mut self.painted.color);
-                Some(vec![
+                vec![
                     swatch([230, 159, 0], "in its colours: a backdrop"),
                     swatch([128; 3], "grey: geometry"),
-                ])
+                ]
             }
-            _ => None,
-        }
+            _ => Vec::new(),
+        })
     }
 }
 
 /// Paints the geometry of a frame grey, so that backdrops stand out.
 fn paint_backdrops(walk: &RasterOutput, pixels: &mut [[u8; 4]]) {
-    for (i, (pixel, &[r, g, b, a])) in pixels.iter_mut().zip(&walk.frame.color).enumerate() {
-        let grey = ((u16::from(r) + u16::from(g) + u16::from(b)) / 3) as u8;
-        *pixel = if matches!(walk.seen(i), PixelContent::Marker(_)) {
-            [r, g, b, a]
-        } else {
-            [grey, grey, grey, a]
-        };
+    for (i, pixel) in pixels.iter_mut().enumerate() {
+        if !matches!(walk.seen(i), PixelContent::Marker(_)) {
+            let [r, g, b, a] = *pixel;
+            let grey = ((u16::from(r) + u16::from(g) + u16::from(b)) / 3) as u8;
+            *pixel = [grey, grey, grey, a];
+        }
     }
 }
 
-/// Returns the initial view, which is the start of a walk through the house (or the middle of the
-/// model if there is no room to stand), and the size of the walk's frames.
+/// Returns the initial view ([`WalkPath::first_view`]) and the size of its frames.
 fn initial_view(house: &House) -> (StartView, [u32; 2]) {
     let walk = WalkPath::default();
-    let first = WalkPath::first(house).ok().flatten();
-    let (eye, forward) = first.map_or((house.tracer().origin(), DVec3::NEG_Z), |camera| {
-        (camera.eye(), camera.forward())
-    });
-    let start = StartView {
-        eye,
-        forward,
+    let ahead = StartView {
+        eye: house.tracer().origin(),
+        forward: DVec3::NEG_Z,
         up: DVec3::Y,
         fov_y_deg: walk.fov_y_deg,
     };
+    let first = WalkPath::first_view(house);
+    let start = first.map_or(ahead, |camera| StartView::from_camera(&camera));
     (start, walk.size)
 }
 
@@ -289,7 +293,7 @@ impl View for HouseView {
             });
         }
         let overlay = OVERLAYS.get(request.settings.choice(OVERLAY)?);
-        let frame = match self.paint(overlay) {
+        let frame = match self.paint(overlay, request.settings.number(EXPOSURE)?) {
             Some(legend) => {
                 report.legend = legend;
                 &self.painted

@@ -45,6 +45,7 @@ pub use settings::{Blend, LumigraphSettings, LumigraphStats};
 
 use crate::render::cells::{Buckets, Cells};
 use crate::render::pyramid::Pyramid;
+use headbox_core::color::tone::ToneMap;
 use headbox_core::environment::Environment;
 use headbox_core::file_frame::FileFrame;
 use serde::{Deserialize, Serialize};
@@ -66,6 +67,9 @@ pub struct LumigraphInfo {
     pub frame: FileFrame,
     /// Placement of the layers.
     pub placement: Placement,
+    /// Tone curve of the images; those of older files are taken for linear ones.
+    #[serde(default)]
+    pub tone: ToneMap,
 }
 
 /// Image of one camera, with the layer of each pixel (L4).

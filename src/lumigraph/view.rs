@@ -2,10 +2,11 @@
 
 use crate::{Blend, LumigraphOverlay, LumigraphSettings, LumigraphStats, Slabs, SlabsRenderer};
 use headbox_core::file_frame::FileFrame;
-use headbox_core::view::paint::figure;
+use headbox_core::frame::Frame;
+use headbox_core::view::paint::{expose, figure};
 use headbox_core::view::{
-    FrameReport, FrameRequest, OVERLAY, RENDERING, Rendered, Setting, SettingValues, Stage,
-    StartView, Statistics, View, level_up,
+    EXPOSURE, FrameReport, FrameRequest, OVERLAY, RENDERING, Rendered, Setting, SettingValues,
+    Stage, StartView, Statistics, View, level_up,
 };
 use serde_json::json;
 
@@ -16,6 +17,7 @@ pub const KIND: &str = "lumigraph";
 pub struct LumigraphView {
     slabs: Slabs,
     renderer: SlabsRenderer,
+    painted: Frame,
     stats: LumigraphStats,
 }
 
@@ -25,6 +27,7 @@ impl LumigraphView {
         Self {
             slabs,
             renderer: SlabsRenderer::new(),
+            painted: Frame::default(),
             stats: LumigraphStats::default(),
         }
     }
@@ -81,6 +84,7 @@ impl LumigraphView {
                 defaults.skip,
             )
             .folded_under(RENDERING),
+            Setting::exposure(),
         ]
     }
 }
@@ -157,7 +161,8 @@ impl View for LumigraphView {
         let layers = self.slabs.all().iter().map(|slab| slab.layers().len());
         let stored: usize = layers.sum();
         let shown = self.slabs.shares(&request.camera).len();
-        let (frame, stats) = self
+        let stops = request.settings.number(EXPOSURE)?;
+        let (mut frame, stats) = self
             .renderer
             .render(&self.slabs, &request.camera, &settings);
         self.stats = *stats;
@@ -184,6 +189,11 @@ impl View for LumigraphView {
             ],
             ..FrameReport::default()
         };
+        if stops != 0.0 && settings.show == LumigraphOverlay::Colors {
+            self.painted.clone_from(frame);
+            expose(&mut self.painted.color, self.slabs.info().tone, stops);
+            frame = &self.painted;
+        }
         Ok(Rendered { frame, report })
     }
 

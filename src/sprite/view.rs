@@ -5,10 +5,10 @@ use crate::{RenderOptions, SpritePlane, SpriteSampling, SpriteSet, SpriteVariant
 use glam::DVec3;
 use headbox_core::file_frame::FileFrame;
 use headbox_core::frame::Frame;
-use headbox_core::view::paint::{figure, hole_legend, paint_holes};
+use headbox_core::view::paint::{expose, figure, hole_legend, paint_holes};
 use headbox_core::view::{
-    FrameReport, FrameRequest, Navigation, OVERLAY, RENDERING, Rendered, Setting, SettingValues,
-    Stage, StartView, Statistics, View,
+    EXPOSURE, FrameReport, FrameRequest, Navigation, OVERLAY, RENDERING, Rendered, Setting,
+    SettingValues, Stage, StartView, Statistics, View,
 };
 use headbox_cube::render::RenderSettings;
 use headbox_cube::render::footprint::splat::SplatKernel;
@@ -143,6 +143,7 @@ impl LayersView {
             .with_flag("fill-steps")
             .folded_under(RENDERING),
             overlay_setting(),
+            Setting::exposure(),
         ]
     }
 
@@ -278,7 +279,8 @@ impl View for LayersView {
         let mut settings = Vec::new();
         if self.has_sprites() {
             settings = Self::sprite_settings();
-            settings.retain(|setting| setting.id != OVERLAY);
+            // Layers of several files may have different tone curves.
+            settings.retain(|setting| ![OVERLAY, EXPOSURE].contains(&setting.id));
         }
         if !self.layers.cubes().is_empty() {
             let mut cube_settings = CubeView::setting_table();
@@ -332,6 +334,14 @@ impl View for LayersView {
             paint_holes(&self.frame, &mut self.painted.color);
             report.legend = hole_legend();
             frame = &self.painted;
+        } else if self.pivot.is_some() {
+            let stops = request.settings.number(EXPOSURE)?;
+            if stops != 0.0 {
+                self.painted.clone_from(&self.frame);
+                let tone = self.layers.sprites().info.light.tone;
+                expose(&mut self.painted.color, tone, stops);
+                frame = &self.painted;
+            }
         }
         Ok(Rendered { frame, report })
     }

@@ -96,6 +96,17 @@ impl ToneMap {
             y
         }
     }
+
+    /// Returns a table from stored levels to levels `stops` brighter, under this curve, or under
+    /// the neutral one if this one keeps light for later exposure.
+    pub fn brighter_levels(self, stops: f64) -> [u8; 256] {
+        let shown = match self {
+            Self::SrgbCompressed => Self::Neutral,
+            tone => tone,
+        };
+        let gain = stops.exp2() as f32;
+        std::array::from_fn(|level| shown.level(self.exposed(level as u8) * gain))
+    }
 }
 
 /// Compresses 0..=`brightest` to 0..=1, with a slope of 1 at 0 (Reinhard et al. 2002, equation 4).

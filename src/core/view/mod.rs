@@ -123,7 +123,7 @@ pub struct Origin {
 /// Id of the choice of an overlay that replaces a frame's colours.
 pub const OVERLAY: &str = "overlay";
 
-/// Id of the exposure of a frame relative to its capture, a number of stops.
+/// Id of the exposure of a frame relative to its file, a number of stops.
 pub const EXPOSURE: &str = "exposure";
 
 /// Heading of the settings that only experts change; initially folded.

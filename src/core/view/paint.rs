@@ -1,6 +1,7 @@
 //! Colours and legends of overlays, shared by several representations.
 
 use super::{Figure, Swatch};
+use crate::color::tone::ToneMap;
 use crate::frame::Frame;
 
 /// Colours of seven classes: the "viridis" map by van der Walt and Smith (2015), whose lightness
@@ -75,6 +76,15 @@ pub const HOLE_RGB: [u8; 3] = [255, 0, 220];
 
 /// sRGB of pixels that only show the environment.
 pub const ENVIRONMENT_RGB: [u8; 3] = [40, 70, 130];
+
+/// Makes stored colours brighter by a number of stops, under the tone curve that they are stored
+/// with (see [`ToneMap::brighter_levels`]).
+pub fn expose(pixels: &mut [[u8; 4]], tone: ToneMap, stops: f64) {
+    let levels = tone.brighter_levels(stops);
+    for [r, g, b, _] in pixels {
+        [*r, *g, *b] = [*r, *g, *b].map(|level| levels[usize::from(level)]);
+    }
+}
 
 /// Paints a frame with its holes in magenta, the rest dimmed so that single pixels stand out.
 pub fn paint_holes(frame: &Frame, pixels: &mut [[u8; 4]]) {

@@ -1,6 +1,7 @@
 //! Settings of a view as data: the window makes controls and the command line makes flags of them,
 //! without knowing their meaning.
 
+use super::EXPOSURE;
 use std::{collections::BTreeMap, ops::RangeInclusive};
 
 /// Setting of a view: a control in the window, and a flag of `headbox render` if it names one.
@@ -115,6 +116,23 @@ impl Setting {
             logarithmic: false,
         };
         Self::new(id, label, tooltip, control)
+    }
+
+    /// Creates the slider of the exposure relative to that of the stored colours, for
+    /// [`expose`](super::paint::expose).
+    pub fn exposure() -> Self {
+        /// Maximum change, stops.
+        const MAX_STOPS: f64 = 16.0;
+        Self::number(
+            EXPOSURE,
+            "Exposure",
+            "Exposure of the frame relative to the file, stops; a file made with --tone hdr keeps \
+             light above white.",
+            0.0,
+            -MAX_STOPS..=MAX_STOPS,
+            "stops",
+        )
+        .with_flag(EXPOSURE)
     }
 
     /// Creates a slider over whole numbers.

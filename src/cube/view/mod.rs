@@ -14,17 +14,15 @@ mod variation;
 
 use self::overlay::{Overlay, paint_coverage, paint_epipole};
 use self::variation::{FACE_NAMES, Variation, Variations};
-use crate::model::info::CaptureInfo;
 use crate::pack::CubeLdi;
 use crate::render::footprint::splat::SplatKernel;
 use crate::render::{FrameStats, RenderSettings, Renderer};
 use glam::DVec3;
-use headbox_core::color::tone::ToneMap;
 use headbox_core::cube_face::Face;
 use headbox_core::file_frame::FileFrame;
 use headbox_core::frame::Frame;
 use headbox_core::headbox::Headbox;
-use headbox_core::view::paint::{figure, paint_holes};
+use headbox_core::view::paint::{expose, figure, paint_holes};
 use headbox_core::view::{
     EXPOSURE, Figure, FrameReport, FrameRequest, OVERLAY, Origin, RENDERING, Rendered, Setting,
     SettingValues, Stage, StartView, Statistics, View, level_up,
@@ -34,9 +32,6 @@ use std::sync::Arc;
 
 /// Name of the representation.
 pub const KIND: &str = "cube LDI";
-
-/// Maximum change of exposure, stops.
-const MAX_STOPS: f64 = 16.0;
 
 /// A cube LDI with its renderer.
 pub struct CubeView {
@@ -114,16 +109,7 @@ impl CubeView {
             )
             .with_flag("keep-holes")
             .folded_under(RENDERING),
-            Setting::number(
-                EXPOSURE,
-                "Exposure",
-                "Exposure of the frame relative to the capture, stops; a capture made with \
-                 --tone hdr keeps light above white.",
-                0.0,
-                -MAX_STOPS..=MAX_STOPS,
-                "stops",
-            )
-            .with_flag(EXPOSURE),
+            Setting::exposure(),
             Setting::toggle(
                 "epipole",
                 "Epipole",
@@ -204,17 +190,6 @@ fn variation(values: &SettingValues, overlay: Overlay) -> Result<Variation, Stri
     })
 }
 
-/// Computes a table from stored levels to levels `stops` brighter, under the capture's tone curve,
-/// or under the neutral one if the capture's keeps light for later exposure.
-fn brighter_levels(info: &CaptureInfo, stops: f32) -> [u8; 256] {
-    let shown = match info.tone {
-        ToneMap::SrgbCompressed => ToneMap::Neutral,
-        tone => tone,
-    };
-    let level = |level: u8| shown.level(info.tone.exposed(level) * stops.exp2());
-    std::array::from_fn(|i| level(i as u8))
-}
-
 impl View for CubeView {
     fn kind(&self) -> &'static str {
         KIND
@@ -264,7 +239,7 @@ impl View for CubeView {
         let overlay = Overlay::ALL
             .get(values.choice(OVERLAY)?)
             .map_or(Overlay::None, |&(_, overlay)| overlay);
-        let (stops, epipole) = (values.number(EXPOSURE)? as f32, values.toggle("epipole")?);
+        let (stops, epipole) = (values.number(EXPOSURE)?, values.toggle("epipole")?);
         let cube = self
             .variations
             .get(&self.cube, &variation(values, overlay)?);
@@ -281,10 +256,7 @@ impl View for CubeView {
         }
         self.painted.clone_from(self.renderer.frame());
         if stops != 0.0 {
-            let levels = brighter_levels(&self.cube.info, stops);
-            for [r, g, b, _] in &mut self.painted.color {
-                [*r, *g, *b] = [*r, *g, *b].map(|level| levels[usize::from(level)]);
-            }
+            expose(&mut self.painted.color, self.cube.info.tone, stops);
         }
         // The figures of the overlay come first.
         let figures = self.paint(&cube, request, &settings, overlay);

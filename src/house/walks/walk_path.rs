@@ -6,6 +6,7 @@ use glam::{DVec2, DVec3};
 use headbox_core::camera::{Camera, CameraError};
 use headbox_model::{Portal, PortalModel};
 use headbox_trace::sampler::random4;
+use headbox_trace::viewpoint::suggest_view;
 
 /// Number of poses of the papers' path.
 pub const PAPER_POSES: usize = 520;
@@ -114,7 +115,7 @@ impl WalkPath {
             .sum()
     }
 
-    /// Returns the first camera of a walk, if there is room to stand: the default view of a house.
+    /// Returns the first camera of a walk, if there is room to stand.
     ///
     /// # Errors
     /// Same as for [`Self::cameras`].
@@ -126,17 +127,16 @@ impl WalkPath {
         Ok(walk.cameras(house)?.first().copied())
     }
 
-    /// Returns the default view of a house: the start of a walk, or the middle of the model if
-    /// there is no room to stand.
+    /// Returns the default view of a house: from the start of a walk, or from the middle of the
+    /// model if there is no room to stand, toward what there is to see.
     ///
     /// # Errors
     /// Same as for [`Self::cameras`].
     pub fn first_view(house: &House) -> Result<Camera, CameraError> {
         let walk = Self::default();
-        let middle = house.tracer().origin();
-        let ahead = middle + DVec3::NEG_Z;
-        let from_middle = || Camera::look_at(middle, ahead, DVec3::Y, walk.fov_y_deg, walk.size);
-        Self::first(house)?.map_or_else(from_middle, Ok)
+        let eye = Self::first(house)?.map_or(house.tracer().origin(), |camera| camera.eye());
+        let ahead = eye + suggest_view(house.tracer(), eye);
+        Camera::look_at(eye, ahead, DVec3::Y, walk.fov_y_deg, walk.size)
     }
 
     /// Returns the names of the rooms that the walk does not enter: no door connects them to its

@@ -31,7 +31,7 @@ headbox_core::named_variants!(GeometryOverlay {
 });
 
 impl GeometryOverlay {
-    /// Paints the overlay of a renderer's last frame; returns the legend.
+    /// Paints the overlay over a copy of a renderer's last frame; returns the legend.
     pub(super) fn paint(
         self,
         geometry: &ViewGeometry,
@@ -41,10 +41,7 @@ impl GeometryOverlay {
         let frame = &renderer.frame().color;
         let frame_color = |i: usize| frame[i].first_chunk::<3>().copied().unwrap_or_default();
         match self {
-            Self::None => {
-                pixels.copy_from_slice(frame);
-                Vec::new()
-            }
+            Self::None => Vec::new(),
             Self::Holes => {
                 paint_holes(renderer.frame(), pixels);
                 hole_legend()

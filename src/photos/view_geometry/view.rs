@@ -6,12 +6,13 @@ use super::{
     WaitPolicy,
 };
 use headbox_core::camera::Camera;
+use headbox_core::color::tone::ToneMap;
 use headbox_core::file_frame::FileFrame;
 use headbox_core::frame::Frame;
-use headbox_core::view::paint::figure;
+use headbox_core::view::paint::{expose, figure};
 use headbox_core::view::{
-    FrameReport, FrameRequest, OVERLAY, RENDERING, Refinement, Rendered, Setting, Stage, StartView,
-    Statistics, View,
+    EXPOSURE, FrameReport, FrameRequest, OVERLAY, RENDERING, Refinement, Rendered, Setting, Stage,
+    StartView, Statistics, View,
 };
 use serde_json::json;
 use std::time::Duration;
@@ -117,6 +118,7 @@ impl GeometryView {
                 &GeometryOverlay::ALL.map(GeometryOverlay::name),
             )
             .with_flag(OVERLAY),
+            Setting::exposure(),
         ]
     }
 
@@ -223,11 +225,13 @@ impl View for GeometryView {
             .get(request.settings.choice(OVERLAY)?)
             .copied()
             .unwrap_or(GeometryOverlay::None);
-        if overlay == GeometryOverlay::None {
+        let stops = request.settings.number(EXPOSURE)?;
+        if overlay == GeometryOverlay::None && stops == 0.0 {
             let frame = self.renderer.frame();
             return Ok(Rendered { frame, report });
         }
         self.painted.clone_from(self.renderer.frame());
+        expose(&mut self.painted.color, ToneMap::SrgbClipped, stops);
         report.legend = overlay.paint(&self.geometry, &self.renderer, &mut self.painted.color);
         Ok(Rendered {
             frame: &self.painted,

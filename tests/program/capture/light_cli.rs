@@ -6,6 +6,7 @@
 )]
 
 use crate::run::{json, refused, succeeds};
+use headbox_core::color::tone::ToneMap;
 use std::path::Path;
 
 /// Small and lit.
@@ -272,6 +273,39 @@ fn hdr_tone_curve_keeps_light_above_white() {
         &["render", "kept.ldi", "-o", "a.exr", "--exposure", "1"],
     ] {
         refused(dir.path(), 2, wrong);
+    }
+}
+
+#[test]
+fn exposure_of_frames_follows_the_stored_tone_curve() {
+    let dir = tempfile::tempdir().unwrap();
+    let run = |command: &str| succeeds(dir.path(), &command.split(' ').collect::<Vec<_>>());
+    run("sprite builtin:sprites -o a.sprite --size 96x72 --samples 4 --exposure auto+2");
+    run(
+        "lumigraph builtin:bump -o a.lumi --cameras 2x2 --size 80x60 --samples 2 --plane 0,0,3 --normal 0,0,-1 --extent 1 --exposure auto+2",
+    );
+    run(
+        "house builtin:house --triangles 6000 --rays 0 -o a.house --edge 4 --light-samples 2 --backdrops texture --exposure auto+2",
+    );
+    let darker = ToneMap::Neutral.brighter_levels(-1.0);
+    for file in ["a.sprite", "a.lumi", "a.house"] {
+        run(&format!("render {file} -o plain.png --size 64x48"));
+        run(&format!(
+            "render {file} -o darker.png --size 64x48 --exposure -1"
+        ));
+        let levels = |name: &str| {
+            let image = image::open(dir.path().join(name)).unwrap();
+            image.to_rgb8().into_raw()
+        };
+        let plain = levels("plain.png");
+        // The shoulder compresses these; a clipped curve would make them darker.
+        let highlights = plain.iter().filter(|level| **level > 230).count();
+        assert!(highlights > 100, "{file}: {highlights}");
+        let expected: Vec<u8> = plain
+            .iter()
+            .map(|&level| darker[usize::from(level)])
+            .collect();
+        assert!(levels("darker.png") == expected, "{file}");
     }
 }
 

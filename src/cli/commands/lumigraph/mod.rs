@@ -196,7 +196,8 @@ impl LumigraphCommand {
             });
         }
         bar.finish();
-        (slabs[0].info.source, slabs[0].info.frame) = (source.name, scene.frame);
+        let info = &mut slabs[0].info;
+        (info.source, info.frame, info.tone) = (source.name, scene.frame, lighting.tone);
         let slabs = Slabs::new(slabs)?;
         slabs.write(&self.output)?;
         self.print_result(&slabs, start.elapsed().as_secs_f64());

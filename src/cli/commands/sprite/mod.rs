@@ -19,6 +19,7 @@ use headbox_core::bounces::Bounces;
 use headbox_core::depth_kind::DepthKind;
 use headbox_core::image::codec;
 use headbox_core::image::orientation::{self, Orientation};
+use headbox_core::light_parameters::LightParameters;
 use headbox_core::read_note::ReadNote;
 use headbox_cube::model::parameters::CaptureParameters;
 use headbox_images::{DepthPicture, ImagesError};
@@ -270,7 +271,10 @@ impl SpriteCommand {
         set.info = SpriteInfo {
             source: source.name.clone(),
             frame: scene.frame,
-            light: source.light.clone(),
+            light: LightParameters {
+                tone: lighting.tone,
+                ..source.light.clone()
+            },
         };
         set.environment = lighting.environment();
         if let Some(folder) = &self.range {
