@@ -57,10 +57,16 @@ pub enum MakeError {
     NoLight,
 }
 
+/// Stage of [`make_house`] that bakes the light.
+pub const LIGHT: &str = "light";
+
+/// Stage of [`make_house`] that captures the backdrops.
+pub const BACKDROPS: &str = "backdrops";
+
 /// Makes a house on the current rayon thread pool.
 ///
 /// If `progress` is cancelled, the house has the light and the backdrops that are complete by then.
-/// Its stages are "light" and "backdrops".
+/// Its stages are [`LIGHT`] and [`BACKDROPS`].
 ///
 /// # Errors
 /// [`MakeError`].
@@ -101,7 +107,7 @@ fn bake_light(
     let reported = AtomicU64::new(0);
     let (model, samples) = bake_model(model, options, &|done, all| {
         if !has_begun.swap(true, Ordering::Relaxed) {
-            progress.begin("light", "samples", all as u64);
+            progress.begin(LIGHT, "samples", all as u64);
         }
         let before = reported.fetch_max(done as u64, Ordering::Relaxed);
         progress.advance((done as u64).saturating_sub(before));
@@ -136,7 +142,7 @@ impl MadeHouse {
         if keys.is_empty() {
             return Ok(());
         }
-        progress.begin("backdrops", "sides of portals", keys.len() as u64);
+        progress.begin(BACKDROPS, "sides of portals", keys.len() as u64);
         for (side, kind) in keys {
             if progress.is_cancelled() {
                 break;

@@ -115,7 +115,7 @@ fn paths_continue_where_no_cell_is() {
     };
     let points: Vec<LitPoint> = (0..64 * 64).map(ceiling).collect();
     let uncached = lighting.clone();
-    lighting.cache_bounces(&tracer, &points);
+    lighting.cache_bounces(&tracer, &points, 1.0 / 16.0);
     assert_ne!(lighting, uncached, "no cell is cached");
     assert_is_radiance(captured_light(&tracer, &lighting));
 }

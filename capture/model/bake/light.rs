@@ -42,6 +42,14 @@ const MIN_CELL_M: f64 = 1e-3;
 /// Maximum number of training points of the light guide.
 const MAX_TRAINING_POINTS: usize = 1 << 14;
 
+/// Minimum width of a cell of the light that has bounced twice, as a fraction of its distance from
+/// the middle of the scene.
+const BOUNCED_CELL_SHARE: f32 = 1.0 / 8.0;
+
+/// Power of the share of samples with which the time grows: the first that arrive in a cell pay for
+/// its light (0.61 to 0.70 in two homes).
+const TIME_POWER: f64 = 0.65;
+
 /// Maximum number of light samples in a batch.
 const BATCH_SAMPLES: usize = 1 << 19;
 /// Maximum number of vertices in a batch.
@@ -175,9 +183,13 @@ impl VertexLight<'_> {
             training_paths.store(total, Ordering::Relaxed);
             progress(done, total + samples)
         });
-        guided.cache_bounces(self.tracer, &points);
+        guided.cache_bounces_toward(self.tracer, &points, BOUNCED_CELL_SHARE);
         let training_paths = training_paths.into_inner();
-        let report = |done| progress(training_paths + done, training_paths + samples);
+        let report = |done: usize| {
+            let share = (done as f64 / samples.max(1) as f64).powf(TIME_POWER);
+            let work = (share * samples as f64) as usize;
+            progress(training_paths + work, training_paths + samples)
+        };
         let sums = VertexLight {
             lighting: &guided,
             ..*self
@@ -350,10 +362,8 @@ impl VertexLight<'_> {
         let level = |side: f32| -> f32 {
             let level = |index| {
                 let (point, sample) = self.sample_point(subdivided, vertex, index, side);
-                luminance(
-                    self.lighting
-                        .radiosity_per_albedo(self.tracer, &point, &sample),
-                )
+                let light = self.lighting.cached_radiosity(self.tracer, &point, &sample);
+                luminance(light.to_array())
             };
             (0..SIDE_SAMPLES).map(level).sum()
         };

@@ -54,7 +54,7 @@ impl Default for BakeOptions {
             max_triangles: 6_000_000,
             samples: 64,
             smoothing: 6,
-            bounces: Bounces::Exactly(1),
+            bounces: Bounces::Full,
         }
     }
 }
@@ -79,10 +79,10 @@ pub struct Baked {
 /// Maximum number of columns of a sky's picture: a third of a degree each.
 const SKY_COLUMNS: u32 = 1024;
 
-/// Callback with the number of light samples taken and their total: training paths of the light
-/// guide, then samples of vertices. Called often and from several threads. After a `Break`, which
-/// it must return from then on, the bake ends soon with the light so far: a first round gives every
-/// vertex eight samples, a second one the rest.
+/// Callback with the work done and its total, in light samples: training paths of the light guide,
+/// then samples of vertices, weighted to advance evenly in time. Called often and from several
+/// threads. After a `Break`, which it must return from then on, the bake ends soon with the light so
+/// far: a first round gives every vertex eight samples, a second one the rest.
 pub type BakeProgress<'a> = dyn Fn(usize, usize) -> ControlFlow<()> + Sync + 'a;
 
 /// Bakes the light of a valid scene ([`Scene::validate`]). The result does not depend on the number

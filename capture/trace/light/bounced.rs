@@ -71,17 +71,7 @@ impl Lighting {
     /// Caches the light of the second and all further bounces where light that is visible from the
     /// tracer's origin has bounced once, if the number of bounces is not limited.
     pub fn with_cached_bounces(mut self, tracer: &Tracer) -> Self {
-        if self.bounces == Bounces::Full {
-            let points = self.arrival_points(tracer);
-            self.cache_bounces(tracer, &points);
-        }
-        self
-    }
-
-    /// Returns points at which light arrives that has bounced once before it reaches the tracer's
-    /// origin.
-    fn arrival_points(&self, tracer: &Tracer) -> Vec<LitPoint> {
-        let arrivals = |index: u32| {
+        let visible = |index: u32| {
             let [u, v] = LightSample {
                 stream: 0xb01d,
                 index,
@@ -91,30 +81,53 @@ impl Lighting {
             let (sin, cos) = (v * TAU).sin_cos();
             let radius = (1.0 - z * z).max(0.0).sqrt();
             let ray = Ray::new(Vec3::ZERO, Vec3::new(radius * cos, radius * sin, z));
-            let point = tracer
-                .closest(&ray)
-                .map(|hit| LitPoint::from_hit(tracer, &ray, &hit).0);
-            let arrival = move |point: &LitPoint, bounce: u32| {
+            let hit = tracer.closest(&ray)?;
+            Some((index, LitPoint::from_hit(tracer, &ray, &hit).0))
+        };
+        if self.bounces == Bounces::Full {
+            let points: Vec<(u32, LitPoint)> =
+                (0..RAYS).into_par_iter().filter_map(visible).collect();
+            let arrivals = self.arrivals(tracer, &points);
+            self.cache_bounces(tracer, &arrivals, CELL_SHARE);
+        }
+        self
+    }
+
+    /// Caches like [`Self::with_cached_bounces`] where light that reaches `points` has bounced
+    /// once, in cells of a share of their distance (see [`Self::cache_bounces`]).
+    pub fn cache_bounces_toward(&mut self, tracer: &Tracer, points: &[LitPoint], cell_share: f32) {
+        if self.bounces == Bounces::Full {
+            let numbered: Vec<(u32, LitPoint)> = (0..).zip(points.iter().copied()).collect();
+            let arrivals = self.arrivals(tracer, &numbered);
+            self.cache_bounces(tracer, &arrivals, cell_share);
+        }
+    }
+
+    /// Returns points at which light arrives that has bounced once before it reaches the given
+    /// points, which are numbered for their random directions.
+    fn arrivals(&self, tracer: &Tracer, points: &[(u32, LitPoint)]) -> Vec<LitPoint> {
+        let arrivals = |&(number, ref point): &(u32, LitPoint)| {
+            let arrival = move |bounce: u32| {
                 let sample = LightSample {
                     stream: 0xb01e,
-                    index: index * RAY_BOUNCES + bounce,
+                    index: number * RAY_BOUNCES + bounce,
                 };
-                self.before(tracer, point, &sample).1
+                Some(self.before(tracer, point, &sample).1?.point)
             };
-            (0..RAY_BOUNCES)
-                .filter_map(|bounce| Some(arrival(point.as_ref()?, bounce)?.point))
-                .collect::<Vec<_>>()
+            (0..RAY_BOUNCES).filter_map(arrival).collect::<Vec<_>>()
         };
-        (0..RAYS).into_par_iter().flat_map_iter(arrivals).collect()
+        points.par_iter().flat_map_iter(arrivals).collect()
     }
 
     /// Caches bounced light in the cells of given points, if the number of bounces is not limited.
-    pub fn cache_bounces(&mut self, tracer: &Tracer, points: &[LitPoint]) {
+    /// A cell is at least `cell_share` of its distance from the local origin wide, and half of that
+    /// share of the points' median distance.
+    pub fn cache_bounces(&mut self, tracer: &Tracer, points: &[LitPoint], cell_share: f32) {
         self.bounced = BouncedLight::default();
         if self.bounces != Bounces::Full {
             return;
         }
-        let grid = CellGrid::new(points, CELL_SHARE);
+        let grid = CellGrid::new(points, cell_share);
         let sorted = by_cell(&grid, points);
         let cells: Vec<&[CellPoint]> = sorted
             .chunk_by(|a, b| a.0 == b.0)

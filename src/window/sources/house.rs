@@ -42,14 +42,14 @@ const LIGHTS: [BakeOptions; 2] = [
         max_triangles: 300_000,
         samples: 8,
         smoothing: 4,
-        bounces: Bounces::Exactly(1),
+        bounces: Bounces::Full,
     },
     BakeOptions {
         edge_m: 0.4,
         max_triangles: 1_000_000,
         samples: 32,
         smoothing: 2,
-        bounces: Bounces::Exactly(1),
+        bounces: Bounces::Full,
     },
 ];
 

@@ -158,7 +158,7 @@ fn room_with_a_lamp() -> Scene {
     }
 }
 
-/// Reflected light equals the estimator's, although paths share it. Without it, or with that of
+/// Reflected light of all bounces equals the estimator's, although paths share it. Without it, or with that of
 /// another surface, the floor or the ceiling would be off by a fifth.
 #[test]
 fn reflected_light_equals_estimator() {
@@ -177,7 +177,7 @@ fn reflected_light_equals_estimator() {
         scene, exposure, ..
     } = baked(&source, &options);
     let tracer = Tracer::new(Arc::clone(&source), DVec3::ZERO);
-    let lighting = Lighting::measure(&tracer, 1);
+    let lighting = Lighting::measure(&tracer, options.bounces);
     for (y, normal) in [(-2.0, Vec3::Y), (2.0, Vec3::NEG_Y)] {
         // In the middle, away from the corners.
         let of_surface = |(_, p): &(usize, &DVec3)| p.y == y && p.x.abs().max(p.z.abs()) < 1.5;

@@ -298,6 +298,11 @@ fn mistakes_are_named() {
         &["builtin:house", "--unlit", "--exposure", "1"],
         "--exposure is for baked light",
     );
+    says(
+        2,
+        &["builtin:house", "--unlit", "--bounces", "2"],
+        "--bounces is for baked light",
+    );
     says(1, &["nowhere.toml"], "nowhere.toml: No such file");
     says(1, &["other/plan.obj"], "unknown home format");
     says(1, &["Home.xml"], "Home.xml: ");
@@ -329,7 +334,7 @@ fn baked_light_looks_like_truth() {
     let tracer = Tracer::new(Arc::clone(&source), eye);
     let lit = truth::render(
         &tracer,
-        &Lighting::measure(&tracer, 1),
+        &Lighting::measure(&tracer, BakeOptions::default().bounces),
         true,
         &camera,
         64,
