@@ -86,14 +86,16 @@ struct LiveCapture {
     source: SceneSource,
     options: CaptureOptions,
     capture: ProgressiveCapture,
+    /// True if the capture has all rays of `headbox capture`, as the user asked in the window.
+    is_best: bool,
     /// Index of the headbox that is captured.
     index: usize,
     begun: Instant,
     /// The scene in the light in which it was opened.
     opened: Arc<Scene>,
     sun: SunSettings,
-    /// Light of the latest request, and when it changed.
-    requested_light: (LightParameters, Instant),
+    /// Light and quality ([`Self::is_best`]) of the latest request, and when they changed.
+    requested: (LightParameters, bool, Instant),
     /// True if the cube that is shown is in another light than the one that is captured.
     shows_old_light: bool,
     tracer: Arc<Tracer>,
@@ -106,20 +108,38 @@ struct LiveCapture {
 }
 
 impl LiveCapture {
-    /// Restarts the capture in another place or light; also returns a warning about the headbox.
+    /// Choice of the quality; `None` if the scene was opened in the best one.
+    fn quality_setting(&self) -> Option<Setting> {
+        let tip = "Rays of the capture: as the scene was opened, by default a fifth of those of \
+                   headbox capture in about a minute; or all of them (--quality best), which is \
+                   what to save as a file. The headbox that is shown is captured again.";
+        let options = ["fast", "best"];
+        let is_best = self.options.quality == Some(CaptureOptions::BEST);
+        (!is_best).then(|| Setting::choice(QUALITY, "Quality", tip, &options))
+    }
+
+    /// Restarts the capture in another place, light or quality; only its last round if
+    /// `only_last`. Also returns a warning about the headbox.
     fn restart(
         &mut self,
         scene: &Arc<Scene>,
         centre: DVec3,
         half_size_m: f64,
+        only_last: bool,
     ) -> Result<(Place, Option<String>), String> {
         let frame = scene.frame;
         let options = CaptureOptions {
             centre: Some(frame.file_from_world(centre)),
             half_size: Some(half_size_m / frame.unit_m),
+            quality: if self.is_best {
+                Some(CaptureOptions::BEST)
+            } else {
+                self.options.quality
+            },
             ..self.options
         };
-        let (capture, found) = ProgressiveCapture::restart(scene, &self.source, &options)?;
+        let (capture, found) =
+            ProgressiveCapture::restart(scene, &self.source, &options, only_last)?;
         let place = Place::of_capture(&found);
         self.capture = capture;
         self.begun = Instant::now();
@@ -129,6 +149,9 @@ impl LiveCapture {
         Ok((place, found.warning))
     }
 }
+
+/// Id of the choice of the quality.
+const QUALITY: &str = "quality";
 
 /// Id of the button that saves the LDI.
 const SAVE: &str = "save";
@@ -161,11 +184,12 @@ impl CubeSource {
         let live = LiveCapture {
             sun: SunSettings::new(&opened, &source.light),
             opened,
-            requested_light: (source.light.clone(), Instant::now()),
+            requested: (source.light.clone(), false, Instant::now()),
             shows_old_light: false,
             source,
             options,
             capture,
+            is_best: false,
             index: 0,
             begun: Instant::now(),
             preview: Preview::new(Arc::clone(&found.tracer)),
@@ -279,7 +303,7 @@ impl CubeSource {
                 index + 1
             ));
         }
-        let (place, warning) = live.restart(&scene, centre, half_size_m)?;
+        let (place, warning) = live.restart(&scene, centre, half_size_m, false)?;
         if self.headboxes[live.index].view.is_none() {
             self.headboxes.remove(live.index);
         }
@@ -294,34 +318,47 @@ impl CubeSource {
         Ok(warning.map_or(here.clone(), |warning| format!("{here} But {warning}.")))
     }
 
-    /// Captures the shown headbox again once the light of the requests has changed and settled. Its
-    /// cube is shown until there is one in the new light. Returns true if new light has not settled.
-    fn follow_light(&mut self, request: &FrameRequest) -> Result<bool, String> {
+    /// Captures the shown headbox again once the light or the quality of the requests has changed
+    /// and settled. Its cube is shown until there is one in the new light, or a finer one. Returns
+    /// true if new values have not settled.
+    fn follow_settings(&mut self, request: &FrameRequest) -> Result<bool, String> {
         let Some(live) = &mut self.live else {
             return Ok(false);
         };
         let light = live.sun.light(&request.settings)?;
-        let (requested, since) = &mut live.requested_light;
-        if *requested != light {
-            *requested = light.clone();
+        let is_best = live.quality_setting().is_some() && request.settings.choice(QUALITY)? == 1;
+        let (requested_light, requested_best, since) = &mut live.requested;
+        if (&*requested_light, *requested_best) != (&light, is_best) {
+            *requested_light = light.clone();
+            *requested_best = is_best;
             *since = Instant::now();
         }
-        if light == live.source.light {
+        let is_relit = light != live.source.light;
+        if !is_relit && is_best == live.is_best {
             return Ok(false);
         }
         if since.elapsed() < SETTLED {
             return Ok(true);
         }
-        let place = self.headboxes[self.shown].place;
-        let mut scene = Scene::clone(&live.opened);
-        if let Err(error) = scene.set_light(&light) {
-            live.requested_light.1 = Instant::now(); // tries again later
-            return Err(error.to_string());
-        }
-        live.source.light = light;
-        live.restart(&Arc::new(scene), place.centre, place.half_size_m)?;
+        let ShownHeadbox { place, view } = &self.headboxes[self.shown];
+        let (place, has_cube) = (*place, view.is_some());
+        let scene = if is_relit {
+            let mut scene = Scene::clone(&live.opened);
+            if let Err(error) = scene.set_light(&light) {
+                live.requested.2 = Instant::now(); // tries again later
+                return Err(error.to_string());
+            }
+            live.source.light = light;
+            Arc::new(scene)
+        } else {
+            Arc::clone(live.tracer.scene())
+        };
+        live.is_best = is_best;
+        let was_old = live.shows_old_light;
+        let keeps_cube = has_cube && !is_relit && !was_old;
+        live.restart(&scene, place.centre, place.half_size_m, keeps_cube)?;
         let before = std::mem::replace(&mut live.index, self.shown);
-        live.shows_old_light = self.headboxes[self.shown].view.is_some();
+        live.shows_old_light = has_cube && !keeps_cube;
         if before != self.shown && self.headboxes[before].view.is_none() {
             self.headboxes.remove(before);
             if before < self.shown {
@@ -413,7 +450,8 @@ impl FrameSource for CubeSource {
             settings.extend(live.sun.settings());
             let tip = "Writes the LDI of the shown headbox as captured so far.";
             let save = Setting::save(SAVE, "Save as .ldi", tip, &live.stem, "ldi");
-            settings.push(save.under("Capture"));
+            let of_capture = live.quality_setting().into_iter().chain([save]);
+            settings.extend(of_capture.map(|setting| setting.under("Capture")));
         }
         settings
     }
@@ -423,7 +461,7 @@ impl FrameSource for CubeSource {
         request: &FrameRequest,
         pixels: &mut [[u8; 4]],
     ) -> Result<FrameReport, String> {
-        let is_settling = self.follow_light(request)?;
+        let is_settling = self.follow_settings(request)?;
         let status = self.update()?;
         let ongoing = status.and_then(|status| self.ongoing(&status));
         let polls = ongoing.is_some() || is_settling;
@@ -478,13 +516,20 @@ impl FrameSource for CubeSource {
                     newest.ok_or("There is nothing to save before the first round is done.")?;
                 cube.write(file).map_err(|error| error.to_string())?;
                 let (count, face) = (cube.depth_pixel_count(), cube.face_size_px);
-                let light = if cube.info.light == live.requested_light.0 {
+                let light = if cube.info.light == live.requested.0 {
                     ""
                 } else {
                     " Its light is that before the latest change."
                 };
+                let is_best = (cube.face_size_px, cube.info.parameters) == CaptureOptions::BEST;
+                let rays = if is_best {
+                    ""
+                } else {
+                    " It has fewer rays than headbox capture takes; for all of them, choose \
+                     Quality \"best\" and save at the end."
+                };
                 Ok(format!(
-                    "Saved {}: {count} depth pixels, faces of {face} px.{light}",
+                    "Saved {}: {count} depth pixels, faces of {face} px.{light}{rays}",
                     file.display()
                 ))
             }

@@ -34,10 +34,19 @@ pub struct CaptureOptions {
     pub centre: Option<DVec3>,
     /// Half of the headbox's edge length, in the file's unit.
     pub half_size: Option<f64>,
-    /// Face size (pixels) and parameters of the last round.
+    /// Face size (pixels) and parameters of the last round; `None` for [a fifth of the
+    /// rays](Self::BEST) of `headbox capture`.
     pub quality: Option<(u32, CaptureParameters)>,
     /// Refuses a scene on which its loader has notes.
     pub is_strict: bool,
+}
+
+impl CaptureOptions {
+    /// The default quality of `headbox capture`.
+    pub(super) const BEST: (u32, CaptureParameters) = (
+        CaptureSpec::DEFAULT_FACE_SIZE_PX,
+        CaptureParameters::DEFAULT,
+    );
 }
 
 /// Settings of one round of a progressive capture.
@@ -222,7 +231,8 @@ impl ProgressiveCapture {
         Self::start_in(scene, source, options, rounds(options.quality))
     }
 
-    /// Starts the capture of a scene that is already loaded from `source`.
+    /// Starts the capture of a scene that is already loaded from `source`; only its last round if
+    /// coarser cubes would replace a finer one.
     ///
     /// # Errors
     /// A sentence, if the headbox cannot be placed or no thread can be started.
@@ -230,8 +240,13 @@ impl ProgressiveCapture {
         scene: &Arc<Scene>,
         source: &SceneSource,
         options: &CaptureOptions,
+        only_last: bool,
     ) -> Result<(Self, CapturePlace), String> {
-        Self::start_in(Arc::clone(scene), source, options, rounds(options.quality))
+        let mut rounds = rounds(options.quality);
+        if only_last {
+            rounds.drain(..rounds.len() - 1);
+        }
+        Self::start_in(Arc::clone(scene), source, options, rounds)
     }
 
     fn start_in(

@@ -4,6 +4,7 @@ use super::{SIZE, figure, first_round, render};
 use crate::open;
 use glam::DVec3;
 use headbox_cube::pack::CubeLdi;
+use headbox_ldi::spec::CaptureSpec;
 use headbox_viewer::{HeadboxRequest, Pose, Refinement};
 
 #[test]
@@ -122,7 +123,7 @@ fn headbox_is_captured_again_in_changed_light() {
         if let Some(sun) = saved.sun {
             assert!(sun.to_string().ends_with(",10"), "{sun}");
             assert!(
-                saved.sun_strength.is_some() && said.ends_with(" px."),
+                saved.sun_strength.is_some() && !said.contains("latest change"),
                 "{said}"
             );
             break;
@@ -130,6 +131,32 @@ fn headbox_is_captured_again_in_changed_light() {
         assert!(said.contains("before the latest change"), "{said}");
         std::thread::sleep(std::time::Duration::from_millis(50));
     }
+}
+
+#[test]
+fn best_quality_replaces_the_shown_cube_by_a_finer_one_only() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("fast.ldi");
+    let mut source = open("builtin:miniature").unwrap();
+    first_round(&mut *source);
+    let start = source.start_pose();
+    loop {
+        let (_, report) = render(&mut *source, start, &[("quality", "best")]);
+        assert!(
+            figure(&report, "depth pixels").is_some(),
+            "the cube stays until there is a finer one"
+        );
+        let capturing = report.ongoing.expect("a capture").what;
+        if capturing == "capturing, round 1 of 1" {
+            break;
+        }
+        assert!(capturing.ends_with(" of 3"), "{capturing}");
+        std::thread::sleep(std::time::Duration::from_millis(50));
+    }
+    let said = source.save("save", &file).unwrap();
+    assert!(said.contains("fewer rays"), "{said}");
+    let fast = CubeLdi::read(&file).unwrap();
+    assert!(fast.face_size_px < CaptureSpec::DEFAULT_FACE_SIZE_PX);
 }
 
 /// Renders frames of a path like the window and like the command line.
