@@ -49,7 +49,7 @@ impl StrictArgs {
 #[derive(Args)]
 pub(crate) struct SceneArgs {
     /// Scene: an .obj, .gltf, .glb, .ply or .stl file, a home (Home.xml, .sh3d, .toml), or
-    /// builtin:NAME
+    /// builtin:NAME; capture also takes a folder of images with known cameras, or a deep EXR image
     scene: String,
     #[command(flatten)]
     pub(crate) source: SourceArgs,

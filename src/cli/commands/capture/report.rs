@@ -112,7 +112,7 @@ fn describe_search(holes: &Holes, limit: f64) -> String {
         result
     } else {
         format!(
-            "{result}; the limit of {} % was not reached in {}",
+            "{result}; still above the limit of {} % after {}",
             limit * 100.0,
             format_count(holes.rounds, "round")
         )

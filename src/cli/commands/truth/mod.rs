@@ -385,7 +385,7 @@ fn describe_noise(samples: u32, seconds: f64, error_db: f64) -> String {
     if error_db < AMPLE_DB {
         let factor = 10f64.powf((AMPLE_DB - error_db) / 10.0);
         format!(
-            "{error}; comparisons cannot exceed it: for less noise give --noise {AMPLE_DB} \
+            "{error}; smaller errors cannot be measured against it: for less noise give --noise {AMPLE_DB} \
              (about {:.0} rays per pixel, {})",
             f64::from(samples) * factor,
             duration(seconds * factor)
