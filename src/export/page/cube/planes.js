@@ -61,7 +61,7 @@ function shelves(rectangles) {
   return [places, rectangles.length ? layer + 1 : 0];
 }
 
-/** The pictures of a set, each at all of its sizes, with a place in the atlas. */
+/** The pictures of a set, each at all of its sizes, with a place in the atlas; `partial`: how many are not opaque everywhere. */
 export function readPlanes(bytes, part) {
   const view = new DataView(bytes.buffer, bytes.byteOffset);
   const tiles = [];
@@ -94,13 +94,17 @@ export function readPlanes(bytes, part) {
   }
   const [places, layers] = shelves(pictures.map(({ size }) => size));
   pictures.forEach((picture, i) => (picture.place = places[i]));
-  return { vertices: vertices(tiles, places), pictures, layers, count: tiles.length };
+  const partial = tiles.filter(({ opaque }) => !opaque).length;
+  return { vertices: vertices(tiles, places), pictures, layers, count: tiles.length, partial };
 }
 
+/** Vertices of all tiles; those that are not opaque everywhere come first. */
 function vertices(tiles, places) {
   const buffer = new DataView(new ArrayBuffer(tiles.length * TILE_BYTES));
-  tiles.forEach((tile, i) => {
-    const at = i * TILE_BYTES;
+  const order = tiles.map((_, i) => i).sort((a, b) => tiles[a].opaque - tiles[b].opaque);
+  order.forEach((i, position) => {
+    const tile = tiles[i];
+    const at = position * TILE_BYTES;
     tile.normal.forEach((c, k) => buffer.setFloat32(at + 4 * k, c, true));
     [tile.x0, tile.y0, tile.width, tile.height].forEach((c, k) => buffer.setInt16(at + 12 + 2 * k, c, true));
     buffer.setUint32(at + 20, tile.face, true);

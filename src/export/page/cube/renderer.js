@@ -6,13 +6,16 @@ import { raysOf, readSurroundings } from '../surroundings.js';
 import { ATLAS_PX, readPlanes, TILE_BYTES } from './planes.js';
 import { readSamples, SAMPLE_BYTES } from './samples.js';
 import { readShell } from './shell.js';
-import { FILL_FRAGMENT, finishFragment, LAID_FRAGMENT, SAMPLE_FRAGMENT, SAMPLE_VERTEX, TILE_FRAGMENT, TILE_VERTEX } from './shaders.js';
+import { FILL_FRAGMENT, finishFragment, laidFragment, SAMPLE_FRAGMENT, SAMPLE_VERTEX, TILE_FRAGMENT, TILE_VERTEX } from './shaders.js';
 
 /** Pixels around a frame in which samples are drawn whose tents may reach into it. */
 const MARGIN_PX = 16;
 
 /** Surfaces in a pixel that are told apart. */
 const LAYERS = Array.from({ length: 4 }, (_, i) => i);
+
+/** The same of rims: pixels that plane textures cover partly. More of them make no visible difference. */
+const RIM_LAYERS = [0, 1];
 
 export class Renderer {
   constructor(canvas, header) {
@@ -42,7 +45,7 @@ export class Renderer {
     const { gl } = this;
     this.sampleProgram = new Program(gl, SAMPLE_VERTEX, SAMPLE_FRAGMENT);
     this.tileProgram = new Program(gl, TILE_VERTEX, TILE_FRAGMENT);
-    this.laidProgram = new Program(gl, WHOLE_VERTEX, LAID_FRAGMENT);
+    this.laidProgram = new Program(gl, WHOLE_VERTEX, laidFragment(RIM_LAYERS));
     this.finishProgram = new Program(gl, WHOLE_VERTEX, finishFragment(LAYERS));
     this.fillProgram = new Program(gl, WHOLE_VERTEX, FILL_FRAGMENT);
     // For what has no texture (yet).
@@ -76,7 +79,7 @@ export class Renderer {
 
   addPlanes(part, bytes) {
     const { gl } = this;
-    const { vertices, pictures, layers, count } = readPlanes(bytes, part);
+    const { vertices, pictures, layers, count, partial } = readPlanes(bytes, part);
     const atlas = gl.createTexture();
     gl.bindTexture(gl.TEXTURE_2D_ARRAY, atlas);
     gl.texStorage3D(gl.TEXTURE_2D_ARRAY, 1, gl.RGBA8, ATLAS_PX, ATLAS_PX, layers);
@@ -96,7 +99,7 @@ export class Renderer {
       gl.enableVertexAttribArray(i);
       gl.vertexAttribDivisor(i, 1);
     }
-    this.planes = { atlas, array, count };
+    this.planes = { atlas, array, count, partial };
   }
 
   addSamples(part, bytes) {
@@ -121,25 +124,28 @@ export class Renderer {
     if (this.targets?.width === width && this.targets.height === height) return;
     if (this.targets) this.freeTargets();
     const size = [width, height];
-    const pair = () => ({ color: texture(gl, gl.RGBA16F, size), depth: texture(gl, gl.DEPTH_COMPONENT24, size) });
-    const layer = () => {
-      const { color, depth } = pair();
-      return { color, depth, toDepth: target(gl, null, depth), toColor: target(gl, color, null) };
+    const pair = (format) => ({ color: texture(gl, format, size), depth: texture(gl, gl.DEPTH_COMPONENT24, size) });
+    /** `tested`: depths that everything must be in front of. */
+    const layer = (tested) => {
+      const { color, depth } = pair(gl.RGBA16F);
+      return { color, depth, toDepth: target(gl, null, depth), toColor: target(gl, color, tested) };
     };
-    const planes = pair();
+    const planes = pair(gl.RGBA8);
     const frame = texture(gl, gl.RGBA8, size);
     this.targets = {
       width,
       height,
-      layers: LAYERS.map(layer),
+      layers: LAYERS.map(() => layer(null)),
       planes: { ...planes, to: target(gl, planes.color, planes.depth) },
+      rims: RIM_LAYERS.map(() => layer(planes.depth)),
       frame: { color: frame, depth: null, to: target(gl, frame, null) },
     };
   }
 
   freeTargets() {
     const { gl } = this;
-    for (const { color, depth, toDepth, toColor, to } of [...this.targets.layers, this.targets.planes, this.targets.frame]) {
+    const { layers, planes, rims, frame } = this.targets;
+    for (const { color, depth, toDepth, toColor, to } of [...layers, planes, ...rims, frame]) {
       gl.deleteTexture(color);
       gl.deleteTexture(depth);
       for (const made of [toDepth, toColor, to]) if (made) gl.deleteFramebuffer(made);
@@ -187,53 +193,72 @@ export class Renderer {
     }).filter(({ runs }) => runs.length > 0);
   }
 
-  /** Pictures on planes: what is at least half there first, which hides, then the rest. */
+  /** Plane textures: first their opaque pixels, then the nearest surfaces of rims in front of these. */
   drawPlanes(shared, transfers) {
     const { gl, header } = this;
-    const { array, count, atlas } = this.planes;
+    const { array, count, partial, atlas } = this.planes;
+    const { planes, rims, width, height } = this.targets;
     const all = (of) => transfers.flatMap(of);
     const ofFaces = (of) => header.faces.flatMap(of);
-    gl.bindFramebuffer(gl.FRAMEBUFFER, this.targets.planes.to);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, planes.to);
     gl.colorMask(true, true, true, true);
     gl.depthMask(true);
     gl.clearColor(0, 0, 0, 0);
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
     gl.enable(gl.DEPTH_TEST);
     gl.depthFunc(gl.LESS);
+    gl.disable(gl.BLEND);
     gl.bindVertexArray(array);
-    for (const [alphas, blends, writes] of [[[0.498, 2], false, true], [[0.002, 0.498], true, false]]) {
-      this.tileProgram.use({
-        ...shared,
-        one: all((t) => t.one),
-        xStep: all((t) => t.x),
-        yStep: all((t) => t.y),
-        right: ofFaces((face) => face.right),
-        up: ofFaces((face) => face.up),
-        normal: ofFaces((face) => face.normal),
-        perInverseDepth: transfers[0].q,
-        texels: atlas,
-        alphas,
-      });
-      if (blends) gl.enable(gl.BLEND);
-      else gl.disable(gl.BLEND);
-      gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
-      gl.depthMask(writes);
-      gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, count);
-    }
+    const uniforms = {
+      ...shared,
+      one: all((t) => t.one),
+      xStep: all((t) => t.x),
+      yStep: all((t) => t.y),
+      right: ofFaces((face) => face.right),
+      up: ofFaces((face) => face.up),
+      normal: ofFaces((face) => face.normal),
+      perInverseDepth: transfers[0].q,
+      texels: atlas,
+    };
+    const drawTiles = (number, passes) => {
+      this.tileProgram.use({ ...uniforms, ...passes });
+      gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, number);
+    };
+    const none = this.noTexture;
+    drawTiles(count, { rims: false, adds: false, layer: 0, nearest: none, before: none, sumBefore: none });
+    rims.forEach(({ color, depth, toDepth, toColor }, i) => {
+      const passes = { rims: true, layer: i, before: rims[i - 1]?.depth ?? none, sumBefore: rims[i - 1]?.color ?? none };
+      // Depths start from those of the opaque pixels, so that only rims in front of them are drawn.
+      gl.bindFramebuffer(gl.READ_FRAMEBUFFER, planes.to);
+      gl.bindFramebuffer(gl.DRAW_FRAMEBUFFER, toDepth);
+      gl.blitFramebuffer(0, 0, width, height, 0, 0, width, height, gl.DEPTH_BUFFER_BIT, gl.NEAREST);
+      gl.bindFramebuffer(gl.FRAMEBUFFER, toDepth);
+      gl.depthMask(true);
+      gl.disable(gl.BLEND);
+      drawTiles(partial, { ...passes, adds: false, nearest: none });
+      gl.bindFramebuffer(gl.FRAMEBUFFER, toColor);
+      gl.clear(gl.COLOR_BUFFER_BIT);
+      gl.depthMask(false);
+      gl.enable(gl.BLEND);
+      gl.blendFunc(gl.ONE, gl.ONE);
+      drawTiles(partial, { ...passes, adds: true, nearest: depth });
+    });
   }
 
   /** One surface of each pixel: first how far it is, then what lies on it. */
   drawLayer(i, shared, draws, hasPlanes) {
     const { gl } = this;
-    const { layers, planes } = this.targets;
+    const { layers, planes, rims } = this.targets;
     const { color, depth, toDepth, toColor } = layers[i];
     const before = i > 0 ? layers[i - 1] : { color: this.noTexture, depth: this.noTexture };
     const uniforms = { ...shared, layer: i, before: before.depth, sumBefore: before.color };
+    const ofRims = rims.map(({ color, depth }, k) => ({ [`rimSum${k}`]: color, [`rimDepth${k}`]: depth }));
+    const laid = Object.assign({ planeColor: planes.color, planeDepth: planes.depth }, ...ofRims);
     const drawAll = (adds) => {
       const passes = { ...uniforms, adds, nearest: adds ? depth : this.noTexture };
       if (hasPlanes) {
         gl.bindVertexArray(this.nothing);
-        this.laidProgram.use({ ...passes, planeColor: planes.color, planeDepth: planes.depth });
+        this.laidProgram.use({ ...passes, ...laid });
         gl.drawArrays(gl.TRIANGLES, 0, 3);
       }
       gl.bindVertexArray(this.sampleArray);

@@ -120,35 +120,50 @@ void main() {
   gl_Position = vec4((h.xy + principal * h.z) / frame * 2.0 - h.z, h.z - 2.0 * nearM * dot(q, at), h.z);
 }`;
 
-export const TILE_FRAGMENT = `${HEAD}${CURVES}
+/**
+ * Opaque pixels of plane textures, or their rims: pixels that a texture covers partly. Textures that meet have half of their border's
+ * pixels each: coverages of rims of one surface add up, so that nothing shines through (`add_rims` in surface_canvas).
+ */
+export const TILE_FRAGMENT = `${HEAD}${PEELING}
 uniform sampler2DArray texels;
-uniform vec2 alphas;                     // the least that is drawn, and the one above all that are
+uniform bool rims;                       // else the opaque pixels
+uniform float steps, tolerance, bin;
 in vec2 texel;
 flat in vec4 inAtlas;
 flat in vec2 last;
-out vec4 light;                          // linear, times alpha
+out vec4 sum;
 void main() {
   vec2 at = (inAtlas.xy + clamp(texel, vec2(0.0), last) + 0.5) / 2048.0;
   vec4 found = textureLod(texels, vec3(at, inAtlas.z), 0.0);
-  if (found.a < alphas.x || found.a >= alphas.y) discard;
-  // Two pictures that meet have half of their border's pixels each: whatever has half has all, so that nothing shines through.
-  float share = found.a < 0.498 ? found.a : 1.0;
-  light = vec4(linear(found.rgb / found.a) * share, share);
+  float weight = floor(found.a * steps + 0.5) / steps;
+  float q = (1.0 - gl_FragCoord.z) / nearM;
+  if (weight <= 0.0 || rims == (found.a > 0.998) || !isHere(q, max(q * tolerance, bin))) discard;
+  sum = vec4(found.rgb / found.a * weight, weight);
 }`;
 
-/** What planes show, on its way to the surfaces of samples. */
-export const LAID_FRAGMENT = `${HEAD}${PEELING}${CURVES}
+/** Opaque pixels and rims of plane textures, added to the surfaces of samples. */
+export const laidFragment = (rims) => `${HEAD}${PEELING}
 uniform sampler2D planeColor, planeDepth;
-uniform float steps, tolerance, bin;
+${rims.map((i) => `uniform sampler2D rimSum${i}, rimDepth${i};`).join('\n')}
+uniform float tolerance, bin;
 out vec4 sum;
+/** Share of the tolerance that applies to opaque pixels, whose depth is exact (peel.rs). */
+const float OPAQUE_TOLERANCE = 0.25;
+float front = 1.0;
+void add(sampler2D sums, sampler2D depths, float tolerated) {
+  vec4 found = texelFetch(sums, ivec2(gl_FragCoord.xy), 0);
+  float depth = texelFetch(depths, ivec2(gl_FragCoord.xy), 0).r;
+  float q = max((1.0 - depth) / nearM, 0.0);
+  if (found.a <= 0.0 || !isHere(q, max(q * tolerated, bin))) return;
+  sum += found;
+  front = min(front, depth);
+}
 void main() {
-  ivec2 at = ivec2(gl_FragCoord.xy);
-  vec4 light = texelFetch(planeColor, at, 0);
-  float weight = floor(light.a * steps + 0.5) / steps;
-  float q = max(inverseDepthAt(planeDepth), 0.0);
-  if (weight <= 0.0 || !isHere(q, max(q * tolerance, bin))) discard;
-  gl_FragDepth = texelFetch(planeDepth, at, 0).r;
-  sum = vec4(srgb(light.rgb / light.a) * weight, weight);
+  sum = vec4(0.0);
+  add(planeColor, planeDepth, tolerance * OPAQUE_TOLERANCE);
+${rims.map((i) => `  add(rimSum${i}, rimDepth${i}, tolerance);`).join('\n')}
+  if (sum.a <= 0.0) discard;
+  gl_FragDepth = front;
 }`;
 
 /** Surfaces over one another and over the environment, in linear light (surface.rs, finish.rs). */
