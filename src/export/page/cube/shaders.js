@@ -80,7 +80,7 @@ void main() {
   sum = vec4(tint * weight, weight);
 }`;
 
-/** A picture on a plane, as large as fits its place in the frame (plan.rs). */
+/** A picture on a plane, as large as fits its place in the frame (plan.rs: LEAST_AREA_PX). */
 export const TILE_VERTEX = `${HEAD}
 uniform vec3 one[6], xStep[6], yStep[6], right[6], up[6], normal[6];
 uniform vec3 perInverseDepth;
@@ -93,6 +93,7 @@ layout(location = 3) in uvec4 atlas;
 out vec2 texel;
 flat out vec4 inAtlas;                   // column, row, layer
 flat out vec2 last;
+flat out float spread;                   // of four lookups around the texel that smooth as the level between two sizes does; 0: one
 void main() {
   uint f = min(face, 5u);
   vec3 q = vec3(dot(plane, right[f]) * pixel, -dot(plane, up[f]) * pixel, dot(plane, normal[f] - right[f] + up[f]));
@@ -103,6 +104,7 @@ void main() {
   vec3 at = vec3(place.xy + 0.5 + within, 1.0);
   vec3 h = toFrame * at;
   int level = 0;
+  spread = 0.0;
   bool inFront = true;
   for (int i = 0; i < 4; i++) inFront = inFront && (toFrame * vec3(place.xy + 0.5 + vec2(i & 1, i >> 1) * extent, 1.0)).z >= wNear;
   if (inFront) {
@@ -110,7 +112,8 @@ void main() {
     vec2 x = toFrame[0].xy - toFrame[0].z * middle.xy / middle.z;
     vec2 y = toFrame[1].xy - toFrame[1].z * middle.xy / middle.z;
     float areaPx = abs(x.x * y.y - x.y * y.x) / (middle.z * middle.z);
-    for (; level < 3 && areaPx < 0.25; level++) areaPx *= 4.0;
+    for (; level < 3 && areaPx < 0.19; level++) areaPx *= 4.0;
+    if (level < 3 && areaPx < 0.385) spread = 1.0 / 6.0;
   }
   float smaller = float(1 << level);
   texel = within / smaller;
@@ -131,10 +134,19 @@ uniform float steps, tolerance, bin;
 in vec2 texel;
 flat in vec4 inAtlas;
 flat in vec2 last;
+flat in float spread;
 out vec4 sum;
+vec4 texelAt(vec2 at) { return textureLod(texels, vec3((inAtlas.xy + at + 0.5) / 2048.0, inAtlas.z), 0.0); }
 void main() {
-  vec2 at = (inAtlas.xy + clamp(texel, vec2(0.0), last) + 0.5) / 2048.0;
-  vec4 found = textureLod(texels, vec3(at, inAtlas.z), 0.0);
+  vec2 at = clamp(texel, vec2(0.0), last);
+  vec4 found;
+  if (spread > 0.0) {
+    // The outermost texels are not smoothed across, so that textures that share them still meet.
+    vec2 d = min(vec2(spread), min(at, last - at));
+    found = (texelAt(at + d) + texelAt(at - d) + texelAt(at + vec2(d.x, -d.y)) + texelAt(at + vec2(-d.x, d.y))) / 4.0;
+  } else {
+    found = texelAt(at);
+  }
   float weight = floor(found.a * steps + 0.5) / steps;
   float q = (1.0 - gl_FragCoord.z) / nearM;
   if (weight <= 0.0 || rims == (found.a > 0.998) || !isHere(q, max(q * tolerance, bin))) discard;
