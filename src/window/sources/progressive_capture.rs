@@ -34,8 +34,8 @@ pub struct CaptureOptions {
     pub centre: Option<DVec3>,
     /// Half of the headbox's edge length, in the file's unit.
     pub half_size: Option<f64>,
-    /// Face size (pixels) and parameters of the last round; `None` for [a fifth of the
-    /// rays](Self::BEST) of `headbox capture`.
+    /// Face size (pixels) and parameters of the last round; `None` for the default of `headbox
+    /// capture` with a fifth of its rays.
     pub quality: Option<(u32, CaptureParameters)>,
     /// Refuses a scene on which its loader has notes.
     pub is_strict: bool,
