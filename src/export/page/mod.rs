@@ -410,7 +410,12 @@ mod tests {
                 "const ",
                 "let ",
             ];
-            let Some(rest) = declared.iter().find_map(|word| line.strip_prefix(word)) else {
+            // Constants of shaders have a scope of their own.
+            let Some(rest) = declared
+                .iter()
+                .find_map(|word| line.strip_prefix(word))
+                .filter(|rest| !rest.starts_with("float "))
+            else {
                 continue;
             };
             for name in rest
