@@ -81,8 +81,8 @@ const SKY_COLUMNS: u32 = 1024;
 
 /// Callback with the work done and its total, in light samples: training paths of the light guide,
 /// then samples of vertices, weighted to advance evenly in time. Called often and from several
-/// threads. After a `Break`, which it must return from then on, the bake ends soon with the light so
-/// far: a first round gives every vertex eight samples, a second one the rest.
+/// threads. After a `Break`, which it must return from then on, the bake ends soon with the light
+/// so far: a first round gives every vertex eight samples, a second one the rest.
 pub type BakeProgress<'a> = dyn Fn(usize, usize) -> ControlFlow<()> + Sync + 'a;
 
 /// Bakes the light of a valid scene ([`Scene::validate`]). The result does not depend on the number

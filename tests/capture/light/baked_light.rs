@@ -158,8 +158,8 @@ fn room_with_a_lamp() -> Scene {
     }
 }
 
-/// Reflected light of all bounces equals the estimator's, although paths share it. Without it, or with that of
-/// another surface, the floor or the ceiling would be off by a fifth.
+/// Reflected light of all bounces equals the estimator's, although paths share it. Without it, or
+/// with that of another surface, the floor or the ceiling would be off by a fifth.
 #[test]
 fn reflected_light_equals_estimator() {
     /// Relative tolerance: the light of a cell represents all of it, with 64 samples per vertex on
