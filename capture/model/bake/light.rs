@@ -47,7 +47,7 @@ const MAX_TRAINING_POINTS: usize = 1 << 14;
 const BOUNCED_CELL_SHARE: f32 = 1.0 / 8.0;
 
 /// Power of the share of samples with which the time grows: the first that arrive in a cell pay for
-/// its light (0.61 to 0.70 in two homes).
+/// its light (0.6 to 0.8 in two homes).
 const TIME_POWER: f64 = 0.65;
 
 /// Maximum number of light samples in a batch.
