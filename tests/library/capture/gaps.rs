@@ -65,12 +65,12 @@ fn holes_are_filled_on_any_threads_and_shards() {
     let holes = ldi.info.holes.unwrap();
     assert!(holes.share + holes.standard_error <= LIMIT, "{holes:?}");
     assert!(
-        holes.share_before > 5.0 * LIMIT && holes.aimed_rays > 0 && holes.rounds > 1,
+        holes.share_before > 4.0 * LIMIT && holes.aimed_rays > 0 && holes.rounds > 1,
         "{holes:?}"
     );
     let [before, after] = [open_share(&capture(&unfilled, &scene)), open_share(&ldi)];
     assert!(
-        before > 5.0 * LIMIT && after < 2.0 * LIMIT,
+        before > 4.0 * LIMIT && after < 2.0 * LIMIT,
         "{before} {after}: other eyes see the same"
     );
     let bytes = file_bytes(&ldi);

@@ -94,7 +94,8 @@ pub(crate) struct Splats {
     pub(crate) radius_x: [f32; Splats::CAPACITY],
     /// Half the height, px.
     pub(crate) radius_y: [f32; Splats::CAPACITY],
-    /// Weight at the centre, 0..1, such that the weights of a surface add up to 1 everywhere.
+    /// Weight at the centre, 0..1, such that the weights of a surface add up to at least 1
+    /// everywhere.
     pub(crate) weight: [f32; Splats::CAPACITY],
     /// Correlation of x and y of elliptical footprints.
     pub(crate) correlation: [f32; Splats::CAPACITY],

@@ -58,7 +58,7 @@ void main() {
   vec2 ofDown = (down.xy - middle * down.z) * reciprocal;
   vec2 radii = clamp(sqrt(ofRight * ofRight + ofDown * ofDown), minRadius, maxRadius);
   float area = abs(ofRight.x * ofDown.y - ofRight.y * ofDown.x);
-  float peak = max(min(area / (radii.x * radii.y), 1.0), minPeak) * color.a;
+  float peak = max(min(area / (min(radii.x, radii.y) * sqrt(radii.x * radii.y)), 1.0), minPeak) * color.a;
   float inverseDepth = q * reciprocal;
   tint = color.rgb;
   tent = vec4(middle + principal, 1.0 / radii);

@@ -233,6 +233,11 @@ impl FootprintSize for StampSize {
 /// surface, in x and y, to first order. The radii are the lengths of the rows of this 2x2 Jacobian,
 /// which do not change when the face's grid is rotated in the frame.
 ///
+/// A footprint weighs as much as the area between adjacent samples has of the rectangle of the
+/// radii, so that the weights of a surface add up to 1. Of a surface that the view stretches there
+/// are few samples, whose tents fall off far before its ends: they weigh more, by the root of the
+/// ratio of the radii, but at most 1 (docs/decisions/0079).
+///
 /// The angles of [`PaperSize`] fail for a floor seen through a side face (both cosines are 0).
 /// Gain: docs/decisions/0048.
 pub(crate) struct TangentSize<'a> {
@@ -334,7 +339,8 @@ impl FootprintSize for TangentSize<'_> {
         let radius_x = self.radius(xx, xy);
         let radius_y = self.radius(yx, yy);
         let area = (xx * yy - xy * yx).abs();
-        let weight = (area / (radius_x * radius_y)).min_precise(1.0);
+        let shorter = radius_x.min_precise(radius_y);
+        let weight = (area / (shorter * (radius_x * radius_y).sqrt())).min_precise(1.0);
         FootprintLanes {
             radius_x,
             radius_y,
