@@ -1,5 +1,5 @@
 // Mouse, fingers, keys and the sensors of phones.
-import { cross, normalize } from './vectors.js';
+import { alongAxes, cross, fromAxes, normalize } from './vectors.js';
 
 const MOVES = { KeyW: [0, 0, 1], KeyS: [0, 0, -1], KeyD: [1, 0, 0], KeyA: [-1, 0, 0], KeyE: [0, 1, 0], KeyQ: [0, -1, 0] };
 const TURNS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
@@ -93,8 +93,10 @@ export class Controls {
       if (alpha === null) return;
       const [forward, up] = heldAs(alpha, beta, gamma, screen.orientation?.angle ?? 0);
       // The compass does not matter: what was ahead stays ahead.
-      ahead ??= Math.atan2(this.view.forward[0], -this.view.forward[2]) - Math.atan2(forward[0], -forward[2]);
-      [this.view.forward, this.view.up] = [turned(forward, ahead), turned(up, ahead)];
+      const { axes } = this.view;
+      const [x, , z] = alongAxes(axes, this.view.forward);
+      ahead ??= Math.atan2(x, -z) - Math.atan2(forward[0], -forward[2]);
+      [this.view.forward, this.view.up] = [forward, up].map((v) => fromAxes(axes, turned(v, ahead)));
       this.changed();
     };
     addEventListener('deviceorientation', this.orient);

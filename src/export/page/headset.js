@@ -1,6 +1,6 @@
 // WebXR: both eyes of a headset, seated or about a room. Where the session begins is where the eye was.
 import { ofHeadset } from './camera.js';
-import { clamp } from './vectors.js';
+import { alongAxes, clamp, fromAxes } from './vectors.js';
 
 /** Metres outside of where the eye may be over which light fades. */
 const FADE_M = 0.1;
@@ -20,19 +20,20 @@ export async function enter(renderer, view, ended) {
   await gl.makeXRCompatible();
   session.updateRenderState({ baseLayer: new XRWebGLLayer(session, gl, renderer.buffers) });
   const space = await session.requestReferenceSpace('local');
-  const turn = Math.atan2(view.forward[0], -view.forward[2]);
+  const [x, , z] = alongAxes(view.axes, view.forward);
+  const turn = Math.atan2(x, -z);
   let from = view.eye;
   let before = null;
   const onFrame = (time, frame) => {
     session.requestAnimationFrame(onFrame);
     const pose = frame.getViewerPose(space);
     if (!pose) return;
-    if (view.place.walks && before !== null) from = walked(from, session, turnedPose(pose.transform.matrix, turn), view, (time - before) / 1000);
+    if (view.place.walks && before !== null) from = walked(from, session, turnedPose(pose.transform.matrix, turn, view.axes), view, (time - before) / 1000);
     before = time;
     const layer = session.renderState.baseLayer;
     for (const eye of pose.views) {
       const { x, y, width, height } = layer.getViewport(eye);
-      const matrix = turnedPose(eye.transform.matrix, turn);
+      const matrix = turnedPose(eye.transform.matrix, turn, view.axes);
       const head = view.place.ofHead(from, [12, 13, 14].map((i) => matrix[i]));
       const camera = ofHeadset(head.eye, matrix, eye.projectionMatrix, [width, height]);
       renderer.draw(camera, layer.framebuffer, [x, y], 1 - 0.8 * clamp(head.outside / FADE_M, 0, 1));
@@ -58,12 +59,13 @@ function walked(from, session, pose, view, seconds) {
   return view.place.step(from, [(across * z + back * x) * metres, 0, (back * z - across * x) * metres]);
 }
 
-/** A pose, column by column, turned to the right about Y. */
-function turnedPose(matrix, angle) {
+/** A pose, column by column, turned to the right about Y, its vectors along `axes`. */
+function turnedPose(matrix, angle, axes) {
   const [cos, sin] = [Math.cos(angle), Math.sin(angle)];
   const result = Array.from(matrix);
   for (let i = 0; i < 16; i += 4) {
-    [result[i], result[i + 2]] = [matrix[i] * cos - matrix[i + 2] * sin, matrix[i] * sin + matrix[i + 2] * cos];
+    const level = [matrix[i] * cos - matrix[i + 2] * sin, matrix[i + 1], matrix[i] * sin + matrix[i + 2] * cos];
+    result.splice(i, 3, ...fromAxes(axes, level));
   }
   return result;
 }

@@ -1,8 +1,7 @@
 // Where the eye is and where it looks, and the words for that in a link: file axes and units, as on the command line.
 import { Place } from './place.js';
-import { add, clamp, cross, normalize, scale, subtract } from './vectors.js';
+import { add, alongAxes, clamp, cross, fromAxes, levelAxes, normalize, scale, subtract } from './vectors.js';
 
-const UP = [0, 1, 0];
 const MAX_PITCH = (89 * Math.PI) / 180;
 
 /** World metres of a position in the scene's file, and back. */
@@ -18,13 +17,15 @@ export class View {
   constructor(header) {
     this.header = header;
     this.place = new Place(header);
+    /** To the right, up and back of a level eye: photographs may have any direction up. */
+    this.axes = levelAxes(normalize(header.up ?? [0, 1, 0]));
     this.reset();
   }
 
   reset() {
     this.eye = this.place.start;
     this.forward = normalize(this.header.ahead);
-    this.up = UP;
+    this.up = this.axes[1];
     this.fov = this.header.fov ?? 60;
   }
 
@@ -54,19 +55,21 @@ export class View {
 
   /** Turns to the right and upward, radians. */
   turn(yaw, pitch) {
-    const [x, y, z] = this.forward;
+    const [x, y, z] = alongAxes(this.axes, this.forward);
     const direction = Math.atan2(x, -z) + yaw;
     const height = clamp(Math.asin(clamp(y, -1, 1)) + pitch, -MAX_PITCH, MAX_PITCH);
-    this.forward = [Math.sin(direction) * Math.cos(height), Math.sin(height), -Math.cos(direction) * Math.cos(height)];
-    this.up = UP;
+    const level = [Math.sin(direction) * Math.cos(height), Math.sin(height), -Math.cos(direction) * Math.cos(height)];
+    this.forward = fromAxes(this.axes, level);
+    this.up = this.axes[1];
   }
 
   /** Moves by metres to the right, up and ahead, as far as the place allows. */
   move(right, up, ahead) {
     const toRight = normalize(cross(this.forward, this.up));
+    const toTop = this.axes[1];
     // Who walks looks up and down without rising.
-    const toFront = this.place.walks ? cross(UP, toRight) : this.forward;
-    this.eye = this.place.step(this.eye, add(add(scale(toRight, right), scale(UP, up)), scale(toFront, ahead)));
+    const toFront = this.place.walks ? cross(toTop, toRight) : this.forward;
+    this.eye = this.place.step(this.eye, add(add(scale(toRight, right), scale(toTop, up)), scale(toFront, ahead)));
   }
 
   zoom(factor) {

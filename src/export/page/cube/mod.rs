@@ -9,6 +9,7 @@ use super::texels::{TexelImage, residuals};
 use super::{Content, Part, check_size, environment, poster};
 use crate::ExportError;
 use headbox_core::cube_face::Face;
+use headbox_core::view::level_up;
 use headbox_cube::model::depth_bins::DepthBins;
 use headbox_cube::pack::splat_index::SPLAT_INDEX_COUNT;
 use headbox_cube::pack::{CubeLdi, PlaneSet};
@@ -56,6 +57,8 @@ fn header(cube: &CubeLdi) -> Value {
         "halfSize": info.half_size_m,
         "frame": {"unit": info.frame.unit_m, "zUp": bool::from(info.frame.up)},
         "ahead": ahead(cube),
+        "up": level_up(info.up),
+        "fov": info.fov_y_deg.unwrap_or(60.0),
         "facePx": cube.face_size_px,
         "blockPx": samples::BLOCK_PX,
         "samples": cube.depth_pixel_count(),
@@ -131,4 +134,37 @@ fn planes(set: &PlaneSet) -> Part {
         "kind": "planes", "planes": set.planes.len(), "tiles": set.tiles.len(), "texels": set.texels.len(),
     });
     Part { header, bytes }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use headbox_core::environment::Environment;
+    use headbox_cube::model::info::CaptureInfo;
+    use headbox_cube::pack::SplatIndexLayout;
+
+    #[test]
+    fn photographs_taken_upside_down_are_shown_upright() {
+        let header_of = |info: CaptureInfo| {
+            header(&CubeLdi {
+                info,
+                face_size_px: 8,
+                layout: SplatIndexLayout::Normal,
+                segments: Vec::new(),
+                environment: Environment::default(),
+                planes: PlaneSet::default(),
+            })
+        };
+        let photographs = CaptureInfo {
+            up: Some(glam::DVec3::NEG_Y),
+            fov_y_deg: Some(44.0),
+            ..CaptureInfo::default()
+        };
+        let of_photographs = header_of(photographs);
+        assert_eq!(of_photographs["up"], json!([0.0, -1.0, 0.0]));
+        assert_eq!(of_photographs["fov"], json!(44.0));
+        let of_scene = header_of(CaptureInfo::default());
+        assert_eq!(of_scene["up"], json!([0.0, 1.0, 0.0]));
+        assert_eq!(of_scene["fov"], json!(60.0));
+    }
 }

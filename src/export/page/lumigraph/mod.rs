@@ -7,6 +7,7 @@ use super::{Content, Part, byte_planes, check_size, environment, png};
 use crate::{ExportError, POSTER_PX, jpeg};
 use glam::DVec3;
 use headbox_core::camera::Camera;
+use headbox_core::view::level_up;
 use headbox_lumigraph::{Lumigraph, LumigraphRenderer, LumigraphSettings, Picture};
 use serde_json::json;
 
@@ -68,6 +69,7 @@ pub(super) fn content(lumigraph: &Lumigraph) -> Result<Content, ExportError> {
         "centre": grid.origin(),
         "frame": {"unit": frame.unit_m, "zUp": bool::from(frame.up)},
         "ahead": -axes.z_axis,
+        "up": level_up(Some(axes.y_axis)),
         "fov": lumigraph.clear_fov_deg(FIRST_PX),
         "nearest": lumigraph.range().map_or(1.0, |[_, max]| 1.0 / max),
         "grid": {

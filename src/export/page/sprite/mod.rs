@@ -13,6 +13,7 @@ use crate::{ExportError, POSTER_PX, jpeg};
 use glam::DVec3;
 use headbox_core::camera::Camera;
 use headbox_core::frame::Frame;
+use headbox_core::view::level_up;
 use headbox_sprite::compose::{ComposeSettings, Composer, Composition};
 use headbox_sprite::{PreparedSprite, RenderOptions, SpriteSet, rules, visible_points};
 use serde_json::{Value, json};
@@ -50,6 +51,7 @@ pub(super) fn content(set: &SpriteSet) -> Result<Content, ExportError> {
         "halfSize": half_size_m(set)?,
         "frame": {"unit": set.info.frame.unit_m, "zUp": bool::from(set.info.frame.up)},
         "ahead": first.forward(),
+        "up": level_up(Some(first.world_from_eye().y_axis)),
         "fov": first.fov_y_deg(),
         "rules": {
             "fillSteps": RenderOptions::default().fill_steps,
