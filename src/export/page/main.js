@@ -22,6 +22,7 @@ class Page {
     this.view = new View(this.header);
     this.ui = this.view.restore(location.hash).ui;
     document.body.classList.toggle('bare', !this.ui);
+    document.body.classList.toggle('elsewhere', location.hash.includes('eye='));
     this.renderer = new Renderer(this.canvas, this.header);
     Object.assign(this, { dirty: true, coarse: 1, movedAt: -Infinity, complete: false, inHeadset: false, lastFrame: 0, runs: false });
     this.controls = new Controls(this.canvas, this.view, () => this.changed());
