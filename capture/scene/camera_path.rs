@@ -29,7 +29,8 @@ pub struct CameraRecord {
     pub eye: [f64; 3],
     /// A point that projects to the middle of the image, likewise.
     pub look_at: [f64; 3],
-    /// Direction that points up in the image; the file's up axis if absent.
+    /// Direction that points up in the image; the file's up axis, or that of the images that were
+    /// captured, if absent.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub up: Option<[f64; 3]>,
     /// Vertical field of view, degrees.
@@ -250,11 +251,17 @@ pub fn read_records(
 }
 
 /// Reads the cameras of a path in the world frame; animations are sampled `fps` times a second.
+/// Poses that do not say what is up have the direction `up` (world axes) upward.
 ///
 /// # Errors
 /// See [`PathError`].
-pub fn read(path: &Path, frame: &FileFrame, fps: f64) -> Result<Vec<Camera>, PathError> {
-    let camera = |(number, pose): (usize, &CameraRecord)| {
+pub fn read(path: &Path, frame: &FileFrame, up: DVec3, fps: f64) -> Result<Vec<Camera>, PathError> {
+    let file_up = (frame.file_from_world(up) * frame.unit_m).to_array();
+    let camera = |(number, pose): (usize, CameraRecord)| {
+        let pose = CameraRecord {
+            up: pose.up.or(Some(file_up)),
+            ..pose
+        };
         pose.camera(frame).map_err(|source| PathError::Pose {
             path: path.into(),
             pose: number,
@@ -262,7 +269,7 @@ pub fn read(path: &Path, frame: &FileFrame, fps: f64) -> Result<Vec<Camera>, Pat
         })
     };
     read_records(path, frame, fps)?
-        .iter()
+        .into_iter()
         .enumerate()
         .map(camera)
         .collect()
@@ -281,7 +288,7 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("path.json");
         std::fs::write(&path, text).unwrap();
-        read(&path, &FRAME, 30.0)
+        read(&path, &FRAME, DVec3::Y, 30.0)
     }
 
     #[test]
@@ -295,6 +302,19 @@ mod tests {
             "+Y of a file with Z up is -Z of the world"
         );
         assert!((cameras[0].world_from_eye().y_axis - DVec3::Y).length() < 1e-12);
+    }
+
+    #[test]
+    fn poses_without_an_up_direction_take_that_of_the_images() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("path.json");
+        let text = r#"[{"eye": [0, 0, 0], "look_at": [0, 1, 0]},
+            {"eye": [0, 0, 0], "look_at": [0, 1, 0], "up": [0, 0, 1]}]"#;
+        std::fs::write(&path, text).unwrap();
+        let cameras = read(&path, &FRAME, DVec3::NEG_Y, 30.0).unwrap();
+        let ups = [0, 1].map(|i: usize| cameras[i].world_from_eye().y_axis);
+        assert!(ups[0].distance(DVec3::NEG_Y) < 1e-12, "{ups:?}");
+        assert!(ups[1].distance(DVec3::Y) < 1e-12, "its own: {ups:?}");
     }
 
     #[test]
@@ -377,7 +397,7 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("path.gltf");
         std::fs::write(&path, text).unwrap();
-        read(&path, &FileFrame::default(), fps)
+        read(&path, &FileFrame::default(), DVec3::Y, fps)
     }
 
     #[test]

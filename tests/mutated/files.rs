@@ -196,7 +196,7 @@ fn read_lumigraph(path: &Path) -> bool {
 }
 
 fn read_path(path: &Path) -> bool {
-    path::read(path, &FileFrame::default(), 30.0).is_ok()
+    path::read(path, &FileFrame::default(), DVec3::Y, 30.0).is_ok()
 }
 
 fn read_scene(path: &Path) -> bool {

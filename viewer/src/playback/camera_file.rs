@@ -107,7 +107,7 @@ mod tests {
             assert!(a.pose.eye.distance(b.pose.eye) < POSE_TOLERANCE_M);
             assert!(a.pose.forward().distance(b.pose.forward()) < POSE_TOLERANCE_M);
         }
-        let cameras = camera_path::read(file.path(), &CENTIMETRES_Z_UP, 30.0).unwrap();
+        let cameras = camera_path::read(file.path(), &CENTIMETRES_Z_UP, DVec3::Y, 30.0).unwrap();
         assert_eq!(
             (cameras.len(), cameras[4].width()),
             (5, 64),

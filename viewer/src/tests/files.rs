@@ -77,6 +77,7 @@ fn camera_is_saved_as_command_line_arguments() {
     let cameras = camera_path::read(
         &dir.path().join("camera-0001.json"),
         &FileFrame::default(),
+        glam::DVec3::Y,
         30.0,
     )
     .unwrap();

@@ -138,11 +138,9 @@ impl RenderCommand {
         let frame = renderer.view.file_frame();
         match &self.path {
             Some(path) => {
-                let cameras = self.camera.resize_path(camera_path::read(
-                    path,
-                    &frame,
-                    f64::from(self.fps()),
-                )?)?;
+                let up = DefaultCamera::from_view(&*renderer.view, self.camera.size).up;
+                let cameras = camera_path::read(path, &frame, up, f64::from(self.fps()))?;
+                let cameras = self.camera.resize_path(cameras)?;
                 renderer.warn_if_outside(&cameras);
                 if is_film {
                     self.render_film(&mut renderer, &cameras, self.film_fps(path, &frame)?)

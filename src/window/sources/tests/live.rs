@@ -189,7 +189,7 @@ fn path_frames_match_command_line() {
     };
     std::fs::write(&path, serde_json::to_string(&record).unwrap()).unwrap();
     let cube = CubeLdi::read(&file).unwrap();
-    let cameras = headbox_scene::camera_path::read(&path, &frame, 30.0).unwrap();
+    let cameras = headbox_scene::camera_path::read(&path, &frame, DVec3::Y, 30.0).unwrap();
     let (mut renderer, settings) = (
         headbox_cube::render::Renderer::new(),
         headbox_cube::render::RenderSettings::default(),
