@@ -218,6 +218,14 @@ impl InfoCommand {
             "  world       1 file unit = {} m, {} up in the file",
             info.frame.unit_m, info.frame.up
         );
+        if let Some(first) = sprites.first().map(|sprite| sprite.sprite().camera()) {
+            let in_file = |point: glam::DVec3| triple(info.frame.file_from_world(point));
+            println!(
+                "  camera      at {} toward {} (in the file's axes and unit)",
+                in_file(first.eye()),
+                in_file(first.eye() + first.forward())
+            );
+        }
         for (number, sprite) in sprites.iter().enumerate() {
             let camera = sprite.sprite().camera();
             let (columns, rows) = sprite.displacement().size();

@@ -21,6 +21,7 @@ use crate::output::{DEPTH, FILM, FRAME, Outputs, PICTURE, print_json, save_pictu
 use crate::setting_flags::SettingFlags;
 use clap::Args;
 use headbox_core::camera::Camera;
+use headbox_core::file_frame::{figure, triple};
 use headbox_core::frame::Frame;
 use headbox_core::simd;
 use headbox_core::view::{OVERLAY, View};
@@ -265,9 +266,16 @@ impl RenderCommand {
         if let Some(planes) = &rendered.planes {
             self.save_planes(planes)?;
         }
+        renderer.warn_if_empty(camera, &rendered);
         let ms_median = rendered.ms_median();
+        let in_file = |point| renderer.view.file_frame().file_from_world(point);
+        let (eye, look_at) = (
+            in_file(camera.eye()),
+            in_file(camera.eye() + camera.forward()),
+        );
         if self.json {
             let mut report = json!({
+                "eye": eye, "look_at": look_at, "fov": camera.fov_y_deg(),
                 "ms_median": ms_median, "ms": rendered.ms, "stages": rendered.stages(), "variant": renderer.variant(),
                 "statistics": renderer.statistics(camera), "hole_fraction": rendered.hole_fraction(),
                 "threads": rayon::current_num_threads(), "simd": simd::name(simd::level()),
@@ -288,6 +296,12 @@ impl RenderCommand {
             println!(
                 "{file}: {ms_median:.2} ms, {}, {holes:.3} % holes",
                 renderer.summary()
+            );
+            println!(
+                "  camera  --eye {} --look-at {} --fov {}",
+                triple(eye),
+                triple(look_at),
+                figure(camera.fov_y_deg())
             );
             if self.settings.get(OVERLAY).is_some() {
                 println!("  overlay {}", renderer.overlay());

@@ -1,5 +1,6 @@
 //! Renderer of a view with its settings, for `headbox render`.
 
+use crate::messages::format_count;
 use anyhow::anyhow;
 use headbox_core::camera::Camera;
 use headbox_core::file_frame::{figure, triple};
@@ -187,9 +188,36 @@ impl ViewRenderer {
         );
     }
 
+    /// Warns if most of a frame shows nothing, though its eye is not outside a headbox: sprites
+    /// have no bounds.
+    pub(super) fn warn_if_empty(&self, camera: &Camera, rendered: &RenderedPose) {
+        /// Share of a frame without content that no capture is meant to be seen with.
+        const MOSTLY_EMPTY: f64 = 0.5;
+        let holes = rendered.hole_fraction();
+        if holes <= MOSTLY_EMPTY || self.view.headbox().is_some() {
+            return;
+        }
+        let start = self.view.start([camera.width(), camera.height()]);
+        let frame = self.view.file_frame();
+        let in_file = |point| triple(frame.file_from_world(point));
+        eprintln!(
+            "warning: {:.0} % of this frame shows nothing. The default view, from about which the input is to be seen, \
+             is --eye {} --look-at {}",
+            holes * 100.0,
+            in_file(start.eye),
+            in_file(start.eye + start.forward)
+        );
+    }
+
     /// Short description of the representation and its variant.
     pub(super) fn summary(&self) -> String {
         let (count, what) = self.view.primitives();
-        format!("{} of {count} {what}, {}", self.view.kind(), self.variant())
+        let counted = format_count(count, what.trim_end_matches('s'));
+        let (kind, variant) = (self.view.kind(), self.variant());
+        if kind == what {
+            format!("{counted}, {variant}")
+        } else {
+            format!("{kind} of {counted}, {variant}")
+        }
     }
 }
