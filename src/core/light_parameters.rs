@@ -22,6 +22,9 @@ pub struct LightParameters {
     /// Rotation of the sky's image about the up axis, degrees from north to east.
     #[serde(skip_serializing_if = "is_default")]
     pub sky_turn: f64,
+    /// Factor on the radiance of the sky, and of the sun in the image `sky`.
+    #[serde(skip_serializing_if = "is_one")]
+    pub sky_strength: f32,
     /// Sun: the direction toward it, X,Y,Z in the file's axes; or azimuth,elevation in degrees,
     /// from north to east and up from the horizon; or off.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -69,6 +72,14 @@ impl Default for LightParameters {
 
 fn is_default<T: Default + PartialEq>(value: &T) -> bool {
     *value == T::default()
+}
+
+#[expect(
+    clippy::trivially_copy_pass_by_ref,
+    reason = "serde passes fields by reference"
+)]
+fn is_one(factor: &f32) -> bool {
+    *factor == 1.0
 }
 
 /// Position of the sun, or none. Written as on the command line.
@@ -159,6 +170,7 @@ impl LightParameters {
         Self {
             sky: None,
             sky_turn: 0.0,
+            sky_strength: 1.0,
             sun: None,
             sun_strength: None,
             exposure: Exposure::default(),
@@ -172,11 +184,16 @@ impl LightParameters {
             0.0 => format!("sky {}", path.display()),
             turn => format!("sky {}, turned by {turn} degrees", path.display()),
         });
+        let sky_strength =
+            (self.sky_strength != 1.0).then(|| format!("sky's strength {}", self.sky_strength));
         let sun = self.sun.map(|place| format!("sun {place}"));
         let strength = self
             .sun_strength
             .map(|strength| format!("sun's strength {strength}"));
-        let words: Vec<String> = [sky, sun, strength].into_iter().flatten().collect();
+        let words: Vec<String> = [sky, sky_strength, sun, strength]
+            .into_iter()
+            .flatten()
+            .collect();
         (!words.is_empty()).then(|| words.join(", "))
     }
 }
@@ -234,6 +251,7 @@ mod tests {
         let asked = LightParameters {
             sky: Some("a.hdr".into()),
             sky_turn: 30.0,
+            sky_strength: 0.5,
             sun: Some("12,34".parse().expect("a place")),
             sun_strength: Some(2.0),
             exposure: Exposure::Auto(1.0),
@@ -246,7 +264,9 @@ mod tests {
         );
         assert_eq!(
             asked.describe().as_deref(),
-            Some("sky a.hdr, turned by 30 degrees, sun 12,34, sun's strength 2")
+            Some(
+                "sky a.hdr, turned by 30 degrees, sky's strength 0.5, sun 12,34, sun's strength 2"
+            )
         );
     }
 }

@@ -18,6 +18,9 @@ pub(crate) struct LightArgs {
     #[arg(long, value_name = "DEG", default_value_t = 0.0, requires = "sky", value_parser = parse_angle,
         allow_hyphen_values = true)]
     pub(super) sky_turn: f64,
+    /// Factor on the radiance of the sky, also of a sun in its image, 0 to 1e9
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = parse_sky_strength)]
+    pub(super) sky_strength: f32,
     /// Sun position: the direction toward it, X,Y,Z in the file's axes; or azimuth,elevation in
     /// degrees, from north to east and up from the horizon; or off
     #[arg(long, value_name = "X,Y,Z|AZ,EL|off", allow_hyphen_values = true)]
@@ -49,6 +52,7 @@ impl LightArgs {
         LightParameters {
             sky: self.sky.clone(),
             sky_turn: self.sky_turn,
+            sky_strength: self.sky_strength,
             sun: self.sun,
             sun_strength: self.sun_strength,
             exposure: self.exposure,
@@ -60,6 +64,14 @@ impl LightArgs {
 fn parse_angle(text: &str) -> Result<f64, String> {
     let angle = text.parse().ok().filter(|angle: &f64| angle.abs() <= 360.0);
     angle.ok_or("give degrees from -360 to 360".into())
+}
+
+fn parse_sky_strength(text: &str) -> Result<f32, String> {
+    let factor = text
+        .parse()
+        .ok()
+        .filter(|factor| (0.0..=1e9).contains(factor));
+    factor.ok_or("give a factor from 0 to 1e9".into())
 }
 
 fn parse_strength(text: &str) -> Result<f32, String> {

@@ -123,10 +123,11 @@ impl SourceArgs {
     }
 
     /// Flags of the source, each with true if it differs from the default.
-    pub(crate) fn given_flags(&self) -> [(&'static str, bool); 8] {
+    pub(crate) fn given_flags(&self) -> [(&'static str, bool); 9] {
         let LightArgs {
             sky,
             sky_turn,
+            sky_strength,
             sun,
             sun_strength,
             exposure,
@@ -139,6 +140,7 @@ impl SourceArgs {
             unit,
             ("--sky", sky.is_some()),
             ("--sky-turn", *sky_turn != default.sky_turn),
+            ("--sky-strength", *sky_strength != default.sky_strength),
             ("--sun", sun.is_some()),
             ("--sun-strength", sun_strength.is_some()),
             ("--exposure", *exposure != default.exposure),

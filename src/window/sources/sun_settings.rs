@@ -12,6 +12,7 @@ const AZIMUTH: &str = "sun-azimuth";
 const ELEVATION: &str = "sun-elevation";
 const STRENGTH: &str = "sun-strength";
 const SKY_TURN: &str = "sky-turn";
+const SKY_STRENGTH: &str = "sky-strength";
 
 /// Heading of the settings.
 const GROUP: &str = "Sun and sky";
@@ -22,6 +23,7 @@ pub(super) struct SunSettings {
     opened: LightParameters,
     /// Luminance of the sun's irradiance, of the default sun if the scene has none.
     strength: f32,
+    has_sky: bool,
     settings: Vec<Setting>,
     initial: SettingValues,
 }
@@ -30,10 +32,11 @@ impl SunSettings {
     /// Creates the settings of a scene that was opened in the light `opened`.
     pub(super) fn new(scene: &Scene, opened: &LightParameters) -> Self {
         let sun = scene.sun.unwrap_or_default();
-        let settings = controls(scene.sun.is_some(), &sun, opened);
+        let settings = controls(scene, &sun, opened);
         Self {
             opened: opened.clone(),
             strength: luminance(sun.irradiance),
+            has_sky: scene.sky.is_some(),
             initial: SettingValues::initial(&settings),
             settings,
         }
@@ -71,11 +74,14 @@ impl SunSettings {
         if light.sky.is_some() {
             light.sky_turn = values.number(SKY_TURN)?;
         }
+        if self.has_sky {
+            light.sky_strength *= values.number(SKY_STRENGTH)?.exp2() as f32;
+        }
         Ok(light)
     }
 }
 
-fn controls(has_sun: bool, sun: &Sun, opened: &LightParameters) -> Vec<Setting> {
+fn controls(scene: &Scene, sun: &Sun, opened: &LightParameters) -> Vec<Setting> {
     let [x, y, z] = sun.direction.to_array().map(f64::from);
     let azimuth = x.atan2(-z).to_degrees();
     let elevation = y.clamp(-1.0, 1.0).asin().to_degrees();
@@ -84,12 +90,16 @@ fn controls(has_sun: bool, sun: &Sun, opened: &LightParameters) -> Vec<Setting> 
         let tip = format!("{tip} {again}");
         Setting::number(id, label, &tip, value, -most..=most, "\u{b0}")
     };
+    let strength = |id, label: &str, tip: &str| {
+        let tip = format!("{tip} {again}");
+        Setting::number(id, label, &tip, 0.0, -6.0..=6.0, "stops")
+    };
     let mut controls = vec![
         Setting::toggle(
             SUN,
             "Sun",
             &format!("Whether the sun shines. {again}"),
-            has_sun,
+            scene.sun.is_some(),
         ),
         turn(
             AZIMUTH,
@@ -105,20 +115,22 @@ fn controls(has_sun: bool, sun: &Sun, opened: &LightParameters) -> Vec<Setting> 
             elevation,
             90.0,
         ),
-        Setting::number(
+        strength(
             STRENGTH,
             "Strength",
-            &format!(
-                "Strength of the sun relative to that of the file or of --sun-strength. {again}"
-            ),
-            0.0,
-            -6.0..=6.0,
-            "stops",
+            "Strength of the sun relative to that of the file or of --sun-strength.",
         ),
     ];
+    if scene.sky.is_some() {
+        controls.push(strength(
+            SKY_STRENGTH,
+            "Sky strength",
+            "Strength of the sky, and of the sun in its image, relative to that of the file or of --sky-strength.",
+        ));
+    }
     if opened.sky.is_some() {
         let tip = "Rotation of the sky image, from north to east, as --sky-turn.";
-        controls.push(turn(SKY_TURN, "Sky", tip, opened.sky_turn, 360.0));
+        controls.push(turn(SKY_TURN, "Sky turn", tip, opened.sky_turn, 360.0));
     }
     let folded = |control: Setting| control.folded_under(GROUP);
     controls.into_iter().map(folded).collect()
@@ -128,6 +140,7 @@ fn controls(has_sun: bool, sun: &Sun, opened: &LightParameters) -> Vec<Setting> 
 mod tests {
     use super::*;
     use headbox_core::file_frame::FileFrame;
+    use headbox_scene::scene::Sky;
 
     fn light(settings: &SunSettings, texts: &[(&str, &str)]) -> LightParameters {
         let known: Vec<Setting> = settings.settings().collect();
@@ -189,6 +202,30 @@ mod tests {
         assert_eq!(light(&settings, &moved), LightParameters::default());
         let added = light(&settings, &[("sun", "on")]);
         assert!(added.sun.is_some() && added.sun_strength.is_none());
+    }
+
+    #[test]
+    fn sky_is_scaled_in_stops_of_its_factor() {
+        let scene = Scene {
+            sky: Some(Sky::default()),
+            ..Scene::default()
+        };
+        let opened = LightParameters {
+            sky_strength: 3.0,
+            ..LightParameters::default()
+        };
+        let settings = SunSettings::new(&scene, &opened);
+        assert_eq!(light(&settings, &[]), opened);
+        assert_eq!(
+            light(&settings, &[("sky-strength", "-1")]).sky_strength,
+            1.5
+        );
+        let closed = SunSettings::new(&Scene::default(), &opened);
+        assert!(
+            closed
+                .settings()
+                .all(|setting| setting.id != "sky-strength")
+        );
     }
 
     #[test]

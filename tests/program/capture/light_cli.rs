@@ -50,6 +50,8 @@ fn shards_must_agree_on_light_and_file_records_it() {
         "sky.hdr",
         "--sky-turn",
         "30",
+        "--sky-strength",
+        "2",
         "--sun",
         "100,40",
         "--sun-strength",
@@ -88,7 +90,9 @@ fn shards_must_agree_on_light_and_file_records_it() {
     );
     let told = succeeds(dir.path(), &["info", "whole.ldi"]);
     assert!(
-        told.contains("sky sky.hdr, turned by 30 degrees, sun 100,40, sun's strength 2"),
+        told.contains(
+            "sky sky.hdr, turned by 30 degrees, sky's strength 2, sun 100,40, sun's strength 2"
+        ),
         "{told}"
     );
     assert!(
