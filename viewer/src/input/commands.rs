@@ -49,6 +49,7 @@ impl Viewer {
             Command::Start => self.back_to_start(ctx),
             Command::AskSave(id) => self.save_from_source(id),
             Command::ToggleLeave => self.toggle_leave(now_s),
+            Command::PlaceHeadbox => self.place_headbox(now_s),
             Command::CaptureHere => self.capture_here(now_s),
             Command::ShowHeadbox(index) => {
                 self.session
@@ -86,15 +87,26 @@ impl Viewer {
     fn toggle_leave(&mut self, now_s: f64) {
         if self.captures_headboxes(now_s) {
             self.headbox.leaves = !self.headbox.leaves;
+            self.headbox.placed = self.headbox.placed.filter(|_| self.headbox.leaves);
             self.return_to_headbox(now_s);
         }
     }
 
-    /// Captures a headbox about the eye.
+    /// Puts the next headbox where the eye is and lets the eye leave to see its handles, or takes it
+    /// back.
+    fn place_headbox(&mut self, now_s: f64) {
+        if self.captures_headboxes(now_s) {
+            let eye = self.eye.pose.eye;
+            self.headbox.placed = self.headbox.placed.is_none().then_some(eye);
+            self.headbox.leaves |= self.headbox.placed.is_some();
+        }
+    }
+
+    /// Captures the headbox that was placed, or one about the eye.
     fn capture_here(&mut self, now_s: f64) {
         if self.captures_headboxes(now_s) {
             let request = HeadboxRequest::Capture {
-                centre: self.eye.pose.eye,
+                centre: self.headbox.placed.unwrap_or(self.eye.pose.eye),
                 half_size_m: self.headbox.half_size_m,
             };
             self.session.order(Order::Headbox(request));

@@ -43,6 +43,7 @@ pub(crate) enum Command {
     RemoveBookmark(usize),
     GoToBookmark(usize),
     ToggleLeave,
+    PlaceHeadbox,
     CaptureHere,
     ShowHeadbox(usize),
     FullScreen,
@@ -186,12 +187,17 @@ pub(crate) const BINDINGS: &[Binding] = &[
     press(
         &[Key::F],
         Command::ToggleLeave,
-        "Leave the headbox, or go back (live captures)",
+        "Leave the headbox, or go back (live)",
+    ),
+    press(
+        &[Key::N],
+        Command::PlaceHeadbox,
+        "Place the next headbox, or take it back (live)",
     ),
     press(
         &[Key::Enter],
         Command::CaptureHere,
-        "Capture a headbox here (live captures)",
+        "Capture the placed headbox, or one here (live)",
     ),
     press(&[Key::O], Command::ShowOpen, "Open a file"),
     press(&[Key::Backspace], Command::Start, "Back to the start page"),

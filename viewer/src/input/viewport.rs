@@ -37,6 +37,7 @@ impl Viewer {
     pub(crate) fn show_viewport(&mut self, ui: &mut Ui, now_s: f64) {
         let (rect, response) = ui.allocate_exact_size(ui.available_size(), Sense::click_and_drag());
         let divider = self.drag_divider(ui, rect);
+        self.drag_handles(ui, rect);
         if response.double_clicked_by(PointerButton::Primary) {
             self.commands.push(Command::Centre);
         }
@@ -132,6 +133,16 @@ impl Viewer {
         self.headbox.bounds(self.info.as_ref()?)
     }
 
+    /// Lets the user drag the handles of the next headbox; in stereo they are only painted.
+    fn drag_handles(&mut self, ui: &Ui, rect: Rect) {
+        let headboxes = self.info.as_ref().and_then(|info| info.headboxes.as_ref());
+        let sizes_m = headboxes.and_then(panels::side::headbox::size_range_m);
+        if let (Some(sizes_m), 1) = (sizes_m, self.display.stereo.places()) {
+            let (panel, pose) = (&mut self.headbox, &self.eye.pose);
+            panels::overlay::headboxes::drag_handles(ui, rect, pose, panel, &sizes_m);
+        }
+    }
+
     /// Paints the edges of the headboxes while the eye may leave them.
     fn paint_headboxes(&self, painter: &Painter, rect: Rect) {
         let headboxes = self.info.as_ref().and_then(|info| info.headboxes.as_ref());
@@ -139,7 +150,8 @@ impl Viewer {
             let places = self.display.stereo.places() as usize;
             for place in 0..places {
                 let rect = place_rect(rect, place, places);
-                panels::side::headbox::paint(painter, rect, headboxes, &self.eye.pose);
+                let (next, pose) = (self.headbox.next(), &self.eye.pose);
+                panels::overlay::headboxes::paint(painter, rect, headboxes, next.as_ref(), pose);
             }
         }
     }

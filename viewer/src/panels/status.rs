@@ -6,15 +6,15 @@ use crate::thread::exchange::FinishedFrame;
 use egui::{Align, Layout, Ui};
 use headbox_core::file_frame::FileFrame;
 
-/// Shows the eye's position in the axes and unit of the scene's file, the frame's size, and the
-/// frame rate.
+/// Shows the eye's position in the axes and unit of the scene's file, the frame's size, the frame
+/// rate, and what Enter would capture.
 pub(crate) fn show(
     ui: &mut Ui,
     pose: &Pose,
     frame: &FileFrame,
     shown: Option<&FinishedFrame>,
     recorder: &PathRecorder,
-    outside: bool,
+    capture_hint: Option<&str>,
 ) {
     ui.horizontal(|ui| {
         let [x, y, z] = frame.file_from_world(pose.eye).to_array();
@@ -34,9 +34,10 @@ pub(crate) fn show(
                      for the frame.",
                 );
             }
-            if outside {
-                ui.colored_label(super::theme::WARNING, "outside of the headbox: Enter captures here").on_hover_text(
-                    "The eye is outside of the headbox: the scene is shown without light. Enter captures a headbox about the eye.",
+            if let Some(hint) = capture_hint {
+                ui.colored_label(super::theme::WARNING, hint).on_hover_text(
+                    "Outside of the headbox the scene is shown without light. Enter captures the headbox that was placed (N), \
+                     or one about the eye.",
                 );
             }
             if let Some(poses) = recorder.recorded() {

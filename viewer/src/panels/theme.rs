@@ -11,6 +11,8 @@ pub(crate) const PANEL: Color32 = Color32::from_rgb(27, 29, 33);
 pub(crate) const ACCENT: Color32 = Color32::from_rgb(96, 165, 250);
 /// Warnings: the edge of the headbox, errors.
 pub(crate) const WARNING: Color32 = Color32::from_rgb(248, 113, 113);
+/// The headbox to be captured next.
+pub(crate) const NEXT: Color32 = Color32::from_rgb(250, 204, 21);
 /// Background of the progress strip.
 pub(crate) const STRIP: Color32 = Color32::from_rgb(22, 36, 58);
 /// Text of labels: lighter than egui's, which is hard to read beside a bright frame.

@@ -126,6 +126,67 @@ fn eye_leaves_headbox_and_captures_another() {
 }
 
 #[test]
+fn placed_headbox_is_sized_and_moved_by_its_handles() {
+    let mut window = capturable_room();
+    press(&mut window, Key::N);
+    let viewer = window.state();
+    let (start, placed) = (viewer.eye.pose, viewer.headbox);
+    assert!(viewer.headbox.leaves && placed.placed == Some(start.eye));
+    // From behind, along an axis, so that the handles are in the frame.
+    let size = placed.half_size_m;
+    let behind = start.eye + DVec3::Z * size * 4.0;
+    window.state_mut().eye.pose = Pose::looking_at(behind, start.eye, 90.0);
+    window.run_steps(2);
+    let frame = frame_rect(&window);
+    let per_size = frame.height() / 2.0 / 4.0;
+    let drag = |window: &mut Window, from: egui::Pos2, to: egui::Pos2| {
+        window.drag_at(from);
+        window.step();
+        window.hover_at(to);
+        window.run_steps(2);
+        window.drop_at(to);
+        window.run_steps(2);
+    };
+    let middle = frame.center();
+    let face = middle + egui::vec2(per_size, 0.0);
+    drag(&mut window, face, middle + egui::vec2(1.5 * per_size, 0.0));
+    let viewer = window.state();
+    let ratio = viewer.headbox.half_size_m / size;
+    assert!((ratio - 1.5).abs() < 0.02, "{ratio}");
+    assert_eq!(
+        viewer.eye.pose.yaw_rad, 0.0,
+        "the drag does not turn the eye"
+    );
+
+    drag(&mut window, middle, middle + egui::vec2(0.0, -per_size));
+    let moved = window.state().headbox.placed.unwrap() - start.eye;
+    assert!(moved.distance(start.up * size) < 0.02 * size, "{moved}");
+
+    let hint = "Enter captures the placed headbox";
+    assert!(window.query_by_label(hint).is_some());
+    press(&mut window, Key::Enter);
+    wait(&mut window, "the placed headbox", |viewer| {
+        let info = viewer.info.as_ref().unwrap();
+        info.headboxes.as_ref().unwrap().bounds.len() == 2
+    });
+    let viewer = window.state();
+    let bounds = viewer.info.as_ref().unwrap().bounds.unwrap();
+    assert!(bounds.centre.distance(start.eye + moved) < 1e-9);
+    assert!((bounds.half_size.x - 1.5 * size).abs() < 0.02 * size);
+    assert_eq!(viewer.headbox.placed, None, "it is captured");
+}
+
+/// The part of the window that shows the frame, points.
+fn frame_rect(window: &Window) -> egui::Rect {
+    let [width, height] = size_px(window).map(|side| side as f32);
+    /// Margin of the test's window.
+    const MARGIN: f32 = 8.0;
+    // The side panel is on its left, the status line below.
+    let left = SIZE_POINTS[0] - MARGIN - width;
+    egui::Rect::from_min_size(egui::pos2(left, MARGIN), egui::vec2(width, height))
+}
+
+#[test]
 fn eye_that_may_not_leave_returns_to_headbox() {
     let mut window = capturable_room();
     let start = window.state().eye.pose.eye;

@@ -43,14 +43,12 @@ impl Viewer {
                 let bounds = info.headboxes.as_ref().and(info.bounds);
                 bounds.is_some_and(|bounds| !bounds.contains(self.eye.pose.eye))
             });
-            status::show(
-                ui,
-                &self.eye.pose,
-                &frame,
-                shown,
-                &self.path_recorder,
-                outside,
-            );
+            let hint = if self.headbox.placed.is_some() {
+                Some("Enter captures the placed headbox")
+            } else {
+                outside.then_some("outside of the headbox: Enter captures here")
+            };
+            status::show(ui, &self.eye.pose, &frame, shown, &self.path_recorder, hint);
         });
         Panel::left("panel")
             .resizable(true)

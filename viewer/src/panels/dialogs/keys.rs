@@ -12,25 +12,25 @@ const HALVES_POINTS: f32 = 600.0;
 pub(crate) fn show(ctx: &Context, open: &mut bool) {
     // Available size without the title and the borders.
     let room = ctx.content_rect().size() - vec2(40.0, 90.0);
+    let height = room.y.max(60.0);
     crate::panels::dialog(ctx, "Keys", open)
         .resizable(false)
+        .default_height(height)
         .show(ctx, |ui| {
-            ScrollArea::vertical()
-                .max_height(room.y.max(60.0))
-                .show(ui, |ui| {
-                    if room.x >= WIDE_POINTS {
-                        ui.horizontal_top(|ui| {
-                            keys(ui);
-                            mouse(ui);
-                        });
-                    } else if room.x >= HALVES_POINTS {
-                        ui.horizontal_top(keys);
-                        mouse(ui);
-                    } else {
+            ScrollArea::vertical().max_height(height).show(ui, |ui| {
+                if room.x >= WIDE_POINTS {
+                    ui.horizontal_top(|ui| {
                         keys(ui);
                         mouse(ui);
-                    }
-                });
+                    });
+                } else if room.x >= HALVES_POINTS {
+                    ui.horizontal_top(keys);
+                    mouse(ui);
+                } else {
+                    keys(ui);
+                    mouse(ui);
+                }
+            });
         });
 }
 

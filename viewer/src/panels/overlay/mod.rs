@@ -1,6 +1,7 @@
 //! Marks, maps and messages over the frame.
 
 pub(crate) mod divider;
+pub(crate) mod headboxes;
 pub(crate) mod inset;
 pub(crate) mod legend;
 pub(crate) mod messages;

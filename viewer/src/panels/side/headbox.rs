@@ -1,22 +1,18 @@
-//! Headbox panel of a live capture: leave the headbox, capture another one where the eye is, show
-//! an earlier one.
+//! Headbox panel of a live capture: leave the headbox, place and capture another one, show an
+//! earlier one.
 
 use crate::input::bounds::EyeBounds;
 use crate::input::keymap::Command;
-use crate::input::pose::Pose;
-use crate::panels::overlay::inset::edges;
-use crate::panels::{button, theme};
+use crate::panels::button;
 use crate::source::Headboxes;
 use crate::thread::exchange::SourceInfo;
-use egui::{Painter, Rect, Slider, Stroke, Ui, pos2};
+use egui::{Slider, Ui};
 use glam::DVec3;
 use headbox_core::file_frame::{FileFrame, figure, triple};
+use std::ops::RangeInclusive;
 
 /// Ratio of the largest and the smallest half-size of the slider to that of the shown headbox.
 const SIZE_RATIO: f64 = 16.0;
-/// Depth at which edges are clipped, relative to the box's half-size.
-const NEAR_SHARE: f64 = 1e-3;
-
 /// State of the panel.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct HeadboxPanel {
@@ -24,6 +20,8 @@ pub(crate) struct HeadboxPanel {
     pub leaves: bool,
     /// Half-size of the next headbox, metres.
     pub half_size_m: f64,
+    /// Centre of the next headbox, world metres; `None` if it is to be captured about the eye.
+    pub placed: Option<DVec3>,
 }
 
 impl HeadboxPanel {
@@ -31,13 +29,32 @@ impl HeadboxPanel {
         Self {
             leaves: false,
             half_size_m: info.bounds.map_or(0.0, |b| b.half_size.max_element()),
+            placed: None,
         }
+    }
+
+    /// The next headbox, if it is placed.
+    pub(crate) fn next(&self) -> Option<EyeBounds> {
+        self.placed.map(|centre| EyeBounds {
+            centre,
+            half_size: DVec3::splat(self.half_size_m),
+        })
     }
 
     /// Box in which the eye stays; `None` if it may go anywhere.
     pub(crate) fn bounds(&self, info: &SourceInfo) -> Option<EyeBounds> {
         info.bounds.filter(|_| !self.leaves)
     }
+}
+
+/// Range of the next headbox's half-size, metres; `None` if no headbox is shown.
+pub(crate) fn size_range_m(headboxes: &Headboxes) -> Option<RangeInclusive<f64>> {
+    let usual = headboxes
+        .bounds
+        .get(headboxes.shown)?
+        .half_size
+        .max_element();
+    Some(usual / SIZE_RATIO..=usual * SIZE_RATIO)
 }
 
 /// Shows the controls; lengths are in the unit of the scene's file.
@@ -57,13 +74,13 @@ pub(crate) fn show(
     {
         commands.push(Command::ToggleLeave);
     }
-    if let Some(shown) = headboxes.bounds.get(headboxes.shown) {
-        let usual = shown.half_size.max_element() / frame.unit_m;
+    if let Some(sizes) = size_range_m(headboxes) {
+        let sizes = sizes.start() / frame.unit_m..=sizes.end() / frame.unit_m;
         let mut half_size = panel.half_size_m / frame.unit_m;
         let unit = frame
             .unit_name()
             .map_or(String::new(), |unit| format!(" {unit}"));
-        let slider = Slider::new(&mut half_size, usual / SIZE_RATIO..=usual * SIZE_RATIO)
+        let slider = Slider::new(&mut half_size, sizes)
             .logarithmic(true)
             .suffix(unit)
             .custom_formatter(|size, _| figure(size))
@@ -73,8 +90,17 @@ pub(crate) fn show(
             panel.half_size_m = half_size * frame.unit_m;
         }
     }
-    let tip = "Captures a headbox of this size about the eye (Enter). The earlier ones keep what was captured.";
-    button(ui, "Capture here", tip, Command::CaptureHere, commands);
+    ui.horizontal_wrapped(|ui| {
+        let (place, capture) = if panel.placed.is_some() {
+            ("Take back", "Capture it")
+        } else {
+            ("Place here", "Capture here")
+        };
+        let tip = "Puts the next headbox where the eye is, or takes it back (N). Seen from farther away it has handles: those of its faces size it, the one in its middle moves it.";
+        button(ui, place, tip, Command::PlaceHeadbox, commands);
+        let tip = "Captures a headbox of this size where it was placed, or about the eye (Enter). The earlier ones keep what was captured.";
+        button(ui, capture, tip, Command::CaptureHere, commands);
+    });
     if headboxes.bounds.len() < 2 {
         return;
     }
@@ -90,67 +116,5 @@ pub(crate) fn show(
         if label.clicked() {
             commands.push(Command::ShowHeadbox(i));
         }
-    }
-}
-
-/// Paints the edges of the headboxes over the frame.
-pub(crate) fn paint(painter: &Painter, rect: Rect, headboxes: &Headboxes, pose: &Pose) {
-    let painter = painter.with_clip_rect(rect.intersect(painter.clip_rect()));
-    let focal_points = f64::from(rect.height()) / 2.0 / (pose.fov_y_deg.to_radians() / 2.0).tan();
-    let eye_from_world = pose.world_from_eye().transpose();
-    for (i, bounds) in headboxes.bounds.iter().enumerate() {
-        let color = if i == headboxes.shown {
-            theme::ACCENT
-        } else {
-            theme::LINE
-        };
-        let near = bounds.half_size.max_element() * NEAR_SHARE;
-        for (a, b) in edges() {
-            let [a, b] = [a, b].map(|corner| {
-                eye_from_world * (bounds.centre + bounds.half_size * corner - pose.eye)
-            });
-            let Some([a, b]) = clip(a, b, near) else {
-                continue;
-            };
-            let [a, b] = [a, b].map(|p| {
-                let points = p.truncate() * (focal_points / -p.z);
-                pos2(
-                    rect.center().x + points.x as f32,
-                    rect.center().y - points.y as f32,
-                )
-            });
-            painter.line_segment([a, b], Stroke::new(1.5, color));
-        }
-    }
-}
-
-/// Clips a segment in eye space (the eye looks along -Z) at a depth of `near`; `None` if it is
-/// nearer everywhere.
-fn clip(a: DVec3, b: DVec3, near: f64) -> Option<[DVec3; 2]> {
-    let (depth_a, depth_b) = (-a.z, -b.z);
-    if depth_a < near && depth_b < near {
-        return None;
-    }
-    let at_near = || a.lerp(b, (near - depth_a) / (depth_b - depth_a));
-    Some([
-        if depth_a < near { at_near() } else { a },
-        if depth_b < near { at_near() } else { b },
-    ])
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use glam::dvec3;
-
-    #[test]
-    fn segments_are_clipped_at_the_eye() {
-        let ahead = dvec3(1.0, 0.0, -3.0);
-        let behind = dvec3(1.0, 0.0, 1.0);
-        assert_eq!(clip(ahead, ahead, 0.5), Some([ahead, ahead]));
-        assert_eq!(clip(behind, behind, 0.5), None);
-        let cut = dvec3(1.0, 0.0, -0.5);
-        assert_eq!(clip(behind, ahead, 0.5), Some([cut, ahead]));
-        assert_eq!(clip(ahead, behind, 0.5), Some([ahead, cut]));
     }
 }
