@@ -82,27 +82,6 @@ fn stl_files() {
     alone.try_mutations("a.stl", &[STL.into(), binary_stl()], false, read_scene);
 }
 
-/// A cube by Draco 1.5: edge breaker, positions of 14 bits.
-const DRACO: &str = "445241434f02020101000000080c000b0000035f4b1501011001ff0000010009030000020001010003030120\
-    012003005043952230880000000000ff3f00009a9919bf9a9919bf9a9919bf9a99993f0e";
-/// 28 vertices of eight bytes and 42 indices of two, by gltfpack 1.3.
-const MESHOPT: &str = "a00512c0c0ffb88e8d8e8d8eccf333008d8e8d8e8d8e8d0533c080667e7d3e486121000504f33300ba8e8d8e\
-    8dc0ffcc008e8d8e8d8e8d8e050ce121007e3f806648000500ffccf37b908f908f908f908f3300c000908f90\
-    060000a434304034033300c00004030400000000000000000000000000000000000000000000000000000000\
-    000000000000e1f000fe20f000f020f000f020f00000007687566778a9866589689801690000";
-/// 4 x 4 red texels, ETC1S, by the encoder of Basis Universal 2.1.
-const KTX2: &str = "ab4b5458203230bb0d0a1a0a0000000001000000040000000400000000000000000000000100000001000000\
-    00000000680000002c000000940000002c00000000000000000000000000000000000000c000000000000000\
-    100000000000000010000000000000002c0000000000000002002800a6010200030300001000000000000000\
-    00007f000000000000000000ffffffff1f0000004b545877726974657200426173697320556e697665727361\
-    6c20322e31300000040000007f7f0000f71f00e01f7a00000000000000000000";
-
-/// Bytes of hexadecimal digits.
-fn bytes(digits: &str) -> Vec<u8> {
-    let digit = |i: usize| u8::from_str_radix(&digits[i..i + 2], 16).expect("digits");
-    (0..digits.len() / 2).map(|i| digit(2 * i)).collect()
-}
-
 /// GLB with one mesh that needs an extension.
 fn glb(json: &str, data: &[u8]) -> Vec<u8> {
     let mut json = json.as_bytes().to_vec();
@@ -123,7 +102,7 @@ const NODE: &str =
     r#""asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0]}],"nodes":[{"mesh":0}]"#;
 
 fn draco_glb() -> Vec<u8> {
-    let data = bytes(DRACO);
+    let data = corpus("cube.drc");
     let length = data.len();
     let json = format!(
         r#"{{{NODE},"extensionsUsed":["KHR_draco_mesh_compression"],"extensionsRequired":["KHR_draco_mesh_compression"],
@@ -136,7 +115,7 @@ fn draco_glb() -> Vec<u8> {
 }
 
 fn meshopt_glb() -> Vec<u8> {
-    let data = bytes(MESHOPT);
+    let data = corpus("cube.meshopt");
     let (length, positions) = (data.len(), data.len() - 32);
     let mut json = format!(
         r#"{{{NODE},"extensionsUsed":["EXT_meshopt_compression","KHR_mesh_quantization"],
@@ -186,7 +165,7 @@ fn ktx2_glb() -> Vec<u8> {
         .iter()
         .for_each(|i| data.extend(i.to_le_bytes()));
     let start = data.len();
-    data.extend(bytes(KTX2));
+    data.extend(corpus("red.ktx2"));
     let (length, image) = (data.len(), data.len() - start);
     let json = format!(
         r#"{{{NODE},"extensionsUsed":["KHR_texture_basisu"],"extensionsRequired":["KHR_texture_basisu"],

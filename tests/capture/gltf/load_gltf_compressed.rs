@@ -6,24 +6,16 @@ use crate::folder::Folder;
 use headbox_scene::scene::Scene;
 
 /// A cube from -0.6 to 0.6: Draco, edge breaker, positions of 14 bits.
-const DRACO_CUBE: &str = "445241434f02020101000000080c000b0000035f4b1501011001ff0000010009030000020001010003030120\
-    012003005043952230880000000000ff3f00009a9919bf9a9919bf9a9919bf9a99993f0e";
-/// 28 vertices of eight bytes: the corners of a square, then those of a cube.
-const MESHOPT_POSITIONS: &str = "a00512c0c0ffb88e8d8e8d8eccf333008d8e8d8e8d8e8d0533c080667e7d3e486121000504f33300ba8e8d8e\
-    8dc0ffcc008e8d8e8d8e8d8e050ce121007e3f806648000500ffccf37b908f908f908f908f3300c000908f90\
-    060000a434304034033300c00004030400000000000000000000000000000000000000000000000000000000\
-    000000000000";
-/// The indices of both.
-const MESHOPT_TRIANGLES: &str = "e1f000fe20f000f020f000f020f00000007687566778a9866589689801690000";
+const DRACO_CUBE: &[u8] = include_bytes!("../../corpus/cube.drc");
+/// Positions of eight bytes, the corners of a square, then those of a cube, and the indices of both.
+const MESHOPT_CUBE: &[u8] = include_bytes!("../../corpus/cube.meshopt");
+/// Size of the positions, bytes.
+const MESHOPT_POSITIONS: usize = 138;
 /// The cube's normals with the octahedral filter.
 const MESHOPT_NORMALS: &str = "a00500c0c00003fdc0c00000fefd050000c0c0fd0300c00000fd000000000000000000000000000000000000\
     00000000000000000000000081007f00";
 /// 4 x 4 red texels, UASTC.
-const KTX2_RED: &str = "ab4b5458203230bb0d0a1a0a0000000001000000040000000400000000000000000000000100000001000000\
-    00000000680000002c000000940000002c00000000000000000000000000000000000000c000000000000000\
-    100000000000000010000000000000002c0000000000000002002800a6010200030300001000000000000000\
-    00007f000000000000000000ffffffff1f0000004b545877726974657200426173697320556e697665727361\
-    6c20322e31300000040000007f7f0000f71f00e01f7a00000000000000000000";
+const KTX2_RED: &[u8] = include_bytes!("../../corpus/red.ktx2");
 
 /// Returns the bytes of hexadecimal digits.
 fn bytes(digits: &str) -> Vec<u8> {
@@ -61,7 +53,7 @@ fn draco_cube(compressed: &[u8]) -> Result<Scene, String> {
 
 #[test]
 fn draco_meshes_are_decoded() {
-    let scene = draco_cube(&bytes(DRACO_CUBE)).expect("a cube");
+    let scene = draco_cube(DRACO_CUBE).expect("a cube");
     assert_eq!(scene.triangles.len(), 12);
     let [least, greatest] = bounds(&scene);
     assert!(
@@ -73,11 +65,11 @@ fn draco_meshes_are_decoded() {
 
 #[test]
 fn damaged_draco_mesh_is_an_error() {
-    let whole = bytes(DRACO_CUBE);
+    let whole = DRACO_CUBE;
     let error = draco_cube(&whole[..40]).expect_err("is cut");
     assert!(error.contains("buffer view 0 (Draco: "), "{error}");
     for (i, bit) in (0..whole.len()).flat_map(|i| (0..8).map(move |bit| (i, bit))) {
-        let mut damaged = whole.clone();
+        let mut damaged = whole.to_vec();
         damaged[i] ^= 1 << bit;
         let _survives = draco_cube(&damaged);
     }
@@ -85,8 +77,8 @@ fn damaged_draco_mesh_is_an_error() {
 
 /// Loads the square and the cube; the views are compressed by this extension.
 fn meshopt_cube(extension: &str, positions: &[u8]) -> Result<Scene, String> {
-    let (triangles, normals) = (bytes(MESHOPT_TRIANGLES), bytes(MESHOPT_NORMALS));
-    let data = [positions, &triangles, &normals].concat();
+    let (triangles, normals) = (&MESHOPT_CUBE[MESHOPT_POSITIONS..], bytes(MESHOPT_NORMALS));
+    let data = [positions, triangles, &normals].concat();
     let view = |(length, layout, start, compressed, mode): (usize, &str, usize, usize, &str)| {
         format!(
             r#"{{"buffer":1,"byteLength":{length}{layout},"extensions":{{"{extension}":{{"buffer":0,"byteOffset":{start},
@@ -137,7 +129,7 @@ fn meshopt_cube(extension: &str, positions: &[u8]) -> Result<Scene, String> {
 #[test]
 fn meshopt_views_are_decoded() {
     for extension in ["EXT_meshopt_compression", "KHR_meshopt_compression"] {
-        let scene = meshopt_cube(extension, &bytes(MESHOPT_POSITIONS)).expect("a cube");
+        let scene = meshopt_cube(extension, &MESHOPT_CUBE[..MESHOPT_POSITIONS]).expect("a cube");
         assert_eq!(scene.triangles.len(), 12);
         assert_eq!(bounds(&scene), [1474.0, 8355.0]);
         let [note] = &scene.summary.notes[..] else {
@@ -155,8 +147,8 @@ fn meshopt_views_are_decoded() {
 
 #[test]
 fn damaged_meshopt_view_is_an_error() {
-    let positions = bytes(MESHOPT_POSITIONS);
-    let error = meshopt_cube("EXT_meshopt_compression", &positions[1..]).expect_err("is cut");
+    let cut = &MESHOPT_CUBE[1..MESHOPT_POSITIONS];
+    let error = meshopt_cube("EXT_meshopt_compression", cut).expect_err("is cut");
     assert!(
         error.contains("buffer view 0 (its meshopt compression is malformed)"),
         "{error}"
@@ -178,11 +170,11 @@ fn textured(image: &[u8], own_source: &str) -> Scene {
 
 #[test]
 fn ktx2_textures_are_decoded() {
-    let image = bytes(KTX2_RED);
-    let [r, g, b] = textured(&image, "").surface(0, 0.3, 0.3).albedo;
+    let image = KTX2_RED;
+    let [r, g, b] = textured(image, "").surface(0, 0.3, 0.3).albedo;
     // 247 of 255 is the next red of five bits.
     assert!(r > 0.9 && g < 0.01 && b < 0.01, "{r} {g} {b}");
-    let albedo = textured(&image, r#""source":1,"#)
+    let albedo = textured(image, r#""source":1,"#)
         .surface(0, 0.3, 0.3)
         .albedo;
     assert_eq!(
@@ -194,10 +186,10 @@ fn ktx2_textures_are_decoded() {
     let cut = textured(&image[..120], "");
     let expected = "1 texture could not be read: a.ktx2 (malformed: the KTX2 texture is damaged, or not by Basis Universal)";
     assert_eq!(cut.summary.notes, [expected]);
-    let mut huge = image.clone();
+    let mut huge = image.to_vec();
     huge[20..28].copy_from_slice(&[0, 0, 1, 0, 0, 0, 1, 0]);
     assert!(textured(&huge, "").summary.notes[0].contains("65536x65536 pixels"));
-    let mut other = image;
+    let mut other = image.to_vec();
     other[12] = 37;
     assert!(textured(&other, "").summary.notes[0].contains("Vulkan format 37"));
 }
