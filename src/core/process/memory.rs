@@ -136,10 +136,17 @@ fn limit() -> u64 {
     }
 }
 
+/// Returns the memory that new allocations can take without swapping, bytes; `None` if the system
+/// does not tell.
+pub fn free() -> Option<u64> {
+    kib_field(
+        &std::fs::read_to_string("/proc/meminfo").ok()?,
+        "MemAvailable:",
+    )
+}
+
 fn default_limit() -> u64 {
-    let free = std::fs::read_to_string("/proc/meminfo").ok();
-    let free = free.and_then(|text| kib_field(&text, "MemAvailable:"));
-    free.map_or(DEFAULT_LIMIT, |free| resident().unwrap_or(0) + free / 2)
+    free().map_or(DEFAULT_LIMIT, |free| resident().unwrap_or(0) + free / 2)
 }
 
 /// Returns a field of a table of /proc, bytes.

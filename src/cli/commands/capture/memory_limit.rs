@@ -147,6 +147,22 @@ pub(crate) fn unlimited_bytes(used: f64, depth_pixels: f64) -> f64 {
     used + FIXED_BYTES + MEMORY_BYTES * depth_pixels
 }
 
+/// Returns the warning that a capture of about `peak` bytes does not fit into the memory of which
+/// it uses `used` bytes and `free` bytes are left; `None` if it fits.
+pub(crate) fn too_large_warning(peak: f64, used: u64, free: u64) -> Option<String> {
+    let fits = used + free;
+    if peak <= fits as f64 {
+        return None;
+    }
+    let [needed, fits] = [peak, fits as f64].map(|bytes| (bytes / f64::from(1 << 20)) as u64);
+    Some(format!(
+        "warning: about {needed} MiB of memory are needed, but only {fits} MiB are there; with \
+         --memory {} samples that do not fit are kept in a temporary file, and a smaller --face-size \
+         needs less",
+        fits / 10 * 9
+    ))
+}
+
 /// Runs work on a number of threads: those of the process if they are no more.
 ///
 /// # Errors
@@ -226,6 +242,18 @@ mod tests {
         );
         let message = check(limit(69)).expect_err("not even without samples");
         assert!(message.ends_with("set --memory 133"), "{message}");
+    }
+
+    #[test]
+    fn capture_larger_than_free_memory_is_announced() {
+        let warning = |peak| too_large_warning(peak, 1 << 20, 99 << 20);
+        assert_eq!(warning(100.0 * 1_048_576.0), None);
+        let warning = warning(200.0 * 1_048_576.0).expect("twice as much");
+        assert!(
+            warning.contains("about 200 MiB") && warning.contains("only 100 MiB"),
+            "{warning}"
+        );
+        assert!(warning.contains("--memory 90 "), "{warning}");
     }
 
     #[test]

@@ -37,6 +37,7 @@ use glam::DVec3;
 use headbox_core::file_frame::{figure, triple};
 use headbox_core::files;
 use headbox_core::headbox::Headbox;
+use headbox_core::memory;
 use headbox_core::read_note::ReadNote;
 use headbox_ldi::accumulate::shard::{self, ShardInfo};
 use headbox_ldi::capture::SceneCapture;
@@ -45,7 +46,7 @@ use headbox_ldi::spec::RunOptions;
 use headbox_photos::voxel_colouring::Backdrop;
 use headbox_trace::bvh::Tracer;
 use headbox_trace::light::Lighting;
-use memory_limit::{MemoryLimit, run_on};
+use memory_limit::{MemoryLimit, run_on, too_large_warning};
 use place::{HeadboxArgs, place_headbox};
 use quality::QualityArgs;
 use report::CaptureTimes;
@@ -234,6 +235,12 @@ impl CaptureCommand {
         });
         let estimate = estimate.limit_memory(limit, threads);
         eprintln!("estimate: {estimate}");
+        if limit.is_none()
+            && let (Some([_, used]), Some(free)) = (memory::peak_and_resident(), memory::free())
+            && let Some(warning) = too_large_warning(estimate.memory_bytes(), used, free)
+        {
+            eprintln!("{warning}");
+        }
         if let Some(limit) = limit
             && self.shard.is_none()
         {
