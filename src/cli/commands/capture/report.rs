@@ -112,7 +112,7 @@ fn describe_search(holes: &Holes, limit: f64) -> String {
         result
     } else {
         format!(
-            "{result}; still above the limit of {} % after {}",
+            "{result}; still above the limit of {} % after {}: more --rays or a smaller --half-size leave fewer",
             limit * 100.0,
             format_count(holes.rounds, "round")
         )
