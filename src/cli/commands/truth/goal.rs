@@ -33,9 +33,16 @@ impl Goal {
     }
 
     /// Returns a note on the time that the goal takes, once it can be estimated: after `samples`
-    /// rays per pixel of `expected_samples`, each `ray_s` seconds. `None` before and after, if the
+    /// rays per pixel of `expected_samples`, each `ray_s` seconds. Another if that is more than
+    /// twice the number that was `announced`: bright light on rare paths is met late. `None` if the
     /// time is short, and if it is given.
-    pub(super) fn note(&self, samples: u32, expected_samples: f64, ray_s: f64) -> Option<String> {
+    pub(super) fn note(
+        &self,
+        samples: u32,
+        expected_samples: f64,
+        ray_s: f64,
+        announced: Option<f64>,
+    ) -> Option<String> {
         /// Rays per pixel of the first round.
         const FIRST_ROUND: u32 = 2;
         /// Rays per pixel whose standard error is a fair estimate: the sum of three rounds.
@@ -46,11 +53,14 @@ impl Goal {
         let all_s = ray_s * expected_samples;
         let most = self.samples;
         let is_done = samples >= most;
-        if samples != after || is_done || self.time_s.is_some() || all_s <= SHORT_S {
+        let is_due = announced.map_or(samples >= after, |announced| {
+            self.noise_db.is_some() && expected_samples > 2.0 * announced
+        });
+        if !is_due || is_done || self.time_s.is_some() || all_s <= SHORT_S {
             return None;
         }
         let time = duration(all_s);
-        Some(match self.noise_db {
+        let note = match self.noise_db {
             None => format!("{most} rays per pixel take about {time}"),
             Some(noise_db) if expected_samples < f64::from(most) => format!(
                 "a standard error of {noise_db} dB takes about {expected_samples:.0} rays per pixel, {time}"
@@ -58,6 +68,10 @@ impl Goal {
             Some(noise_db) => format!(
                 "{most} rays per pixel take about {time}, and are too few for a standard error of {noise_db} dB"
             ),
+        };
+        Some(match announced {
+            None => note,
+            Some(_) => format!("some paths are rare and bright, so that {note}"),
         })
     }
 
@@ -132,7 +146,7 @@ mod tests {
         };
         let note = |goal: Goal, samples: u32, ray_s: f64| {
             let expected_samples = goal.expected_samples(samples, 30.0);
-            goal.note(samples, expected_samples, ray_s)
+            goal.note(samples, expected_samples, ray_s, None)
         };
         let fixed = goal(256, None, None);
         assert_eq!(
@@ -140,7 +154,7 @@ mod tests {
             Some("256 rays per pixel take about 2 min 8 s")
         );
         assert_eq!(note(fixed, 2, 0.01), None, "a short time");
-        assert_eq!(note(fixed, 4, 0.5), None, "only once");
+        assert_eq!(fixed.note(4, 256.0, 0.5, Some(256.0)), None, "only once");
         assert_eq!(note(goal(2, None, None), 2, 9.0), None, "all are traced");
         let noise = goal(1 << 20, Some(40.0), None);
         assert_eq!(note(noise, 4, 0.5), None, "too early");
@@ -152,6 +166,13 @@ mod tests {
             note(goal(64, Some(40.0), None), 8, 0.5).as_deref(),
             Some(
                 "64 rays per pixel take about 32 s, and are too few for a standard error of 40 dB"
+            )
+        );
+        assert_eq!(noise.note(64, 150.0, 0.5, Some(80.0)), None);
+        assert_eq!(
+            noise.note(64, 170.0, 0.5, Some(80.0)).as_deref(),
+            Some(
+                "some paths are rare and bright, so that a standard error of 40 dB takes about 170 rays per pixel, 85 s"
             )
         );
         for noise_db in [None, Some(40.0)] {

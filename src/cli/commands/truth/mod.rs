@@ -235,6 +235,7 @@ impl TruthCommand {
         bar.begin("tracing", "steps", STEPS);
         let mut sum = TruthSum::new(camera);
         let mut expected_samples = f64::from(goal.samples);
+        let mut announced = None;
         while sum.samples() < goal.samples {
             let round = sum
                 .samples()
@@ -264,8 +265,10 @@ impl TruthCommand {
             if is_late || is_clean {
                 break;
             }
-            if let Some(note) = goal.note(sum.samples(), expected_samples, ray_s) {
+            let note = goal.note(sum.samples(), expected_samples, ray_s, announced);
+            if let Some(note) = note {
                 eprintln!("note: {note}");
+                announced = Some(expected_samples);
             }
         }
         bar.finish();
