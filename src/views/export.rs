@@ -158,7 +158,7 @@ fn write_glb(
     };
     Ok(ExportSummary {
         details: format!(
-            ", {triangles} triangles, samples off by up to {error_px:.1} face pixels{textures}"
+            ", {triangles} triangles, Y up, in metres, samples off by up to {error_px:.1} face pixels{textures}"
         ),
         figures: vec![
             ("triangles", triangles.into()),
@@ -215,7 +215,7 @@ fn describe_points(kind: &str, summary: PointSummary) -> ExportSummary {
          --gaussians or --mb"
     );
     ExportSummary {
-        details: format!(", {points} {kind}{reduced}"),
+        details: format!(", {points} {kind}{reduced}, Y up, in metres"),
         figures: vec![
             ("points", points.into()),
             ("samples", samples.into()),

@@ -80,6 +80,9 @@ fn parse_face(text: &str) -> Result<Face, String> {
     found.ok_or_else(|| "give +X, -X, +Y, -Y, +Z or -Z".into())
 }
 
+/// Size from which on an export mentions `--mb`, bytes.
+const LARGE_BYTES: u64 = 100_000_000;
+
 impl ExportCommand {
     pub(crate) fn run(&self) -> anyhow::Result<()> {
         Outputs::new(self.json, [&self.file]).file(&self.output, &EXPORT)?;
@@ -147,6 +150,12 @@ impl ExportCommand {
                 bytes as f64 / 1e6,
                 summary.details
             );
+            if self.mb.is_none()
+                && bytes > LARGE_BYTES
+                && matches!(exporter.extension, "glb" | "ply")
+            {
+                eprintln!("note: with --mb N the file has at most N MB");
+            }
         }
         Ok(())
     }
