@@ -147,6 +147,12 @@ fn unknown_format(path: &Path) -> String {
             ".{extension} scenes are not read; save the scene as .glb and open that (for example \
              in Blender: File > Import, then File > Export > glTF 2.0)"
         )
+    } else if extension == "house" {
+        format!(
+            "a house with baked light; show it with headbox view or headbox render {}, or name the \
+             home that it was made of, with --exposure 0 for the brightness of the house",
+            path.display()
+        )
     } else if REPRESENTATIONS.contains(&extension.as_str()) {
         format!(
             "already captured; show it with headbox view or headbox render {}",
