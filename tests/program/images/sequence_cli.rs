@@ -1,6 +1,6 @@
 //! Promises of the command line about sprites of a sequence of photographs (S10).
 
-use crate::run::{fails, json, succeeds};
+use crate::run::{fails, json, outputs, succeeds};
 use image::{GrayImage, Luma};
 
 #[test]
@@ -54,6 +54,15 @@ fn a_folder_of_photographs_becomes_sprites() {
         first,
         std::fs::read(dir.path().join("a.sprite")).unwrap(),
         "the third of four is in the middle"
+    );
+    let told = succeeds(dir.path(), &["info", "a.sprite"]);
+    assert!(told.contains("  camera      at "), "{told}");
+    // Sprites have no headbox, whose borders could be named.
+    let away = ["render", "a.sprite", "-o", "away.png", "--eye", "0,500,0"];
+    let (_, warned) = outputs(dir.path(), &away);
+    assert!(
+        warned.contains("% of this frame shows nothing") && warned.contains("is --eye "),
+        "{warned}"
     );
     for variant in ["homography", "two-pass"] {
         let frame = json(
