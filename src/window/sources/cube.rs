@@ -344,7 +344,7 @@ impl CubeSource {
         let (place, has_cube) = (*place, view.is_some());
         let scene = if is_relit {
             let mut scene = Scene::clone(&live.opened);
-            if let Err(error) = scene.set_light(&light) {
+            if let Err(error) = scene.set_light(&live.sun.change_to(&light)) {
                 live.requested.2 = Instant::now(); // tries again later
                 return Err(error.to_string());
             }

@@ -79,6 +79,16 @@ impl SunSettings {
         }
         Ok(light)
     }
+
+    /// The light that turns the scene as it was opened into one in `light`: its own sky has the
+    /// strength of the opened light already, while an image is read again.
+    pub(super) fn change_to(&self, light: &LightParameters) -> LightParameters {
+        let mut change = light.clone();
+        if light.sky.is_none() && self.opened.sky_strength > 0.0 {
+            change.sky_strength /= self.opened.sky_strength;
+        }
+        change
+    }
 }
 
 fn controls(scene: &Scene, sun: &Sun, opened: &LightParameters) -> Vec<Setting> {
@@ -220,6 +230,13 @@ mod tests {
             light(&settings, &[("sky-strength", "-1")]).sky_strength,
             1.5
         );
+        let half = light(&settings, &[("sky-strength", "-1")]);
+        assert_eq!(settings.change_to(&half).sky_strength, 0.5);
+        let with_image = LightParameters {
+            sky: Some("sky.hdr".into()),
+            ..half
+        };
+        assert_eq!(settings.change_to(&with_image), with_image);
         let closed = SunSettings::new(&Scene::default(), &opened);
         assert!(
             closed
