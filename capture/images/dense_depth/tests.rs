@@ -12,6 +12,7 @@ use fearless_simd::dispatch;
 use glam::{DMat3, DVec3, dvec3};
 use headbox_core::random::Rng;
 use headbox_core::simd;
+use std::cell::Cell;
 
 const SIZE: [u32; 2] = [96, 72];
 
@@ -107,7 +108,9 @@ fn settings() -> DenseDepth {
 
 fn find(set: &mut ImageSet) -> Result<Agreement, DenseDepthError> {
     let mut agreement = Agreement::default();
-    set.estimate_depth(&settings(), &|| {}, &mut |view, estimated| {
+    let steps = Cell::new(set.find_depth_steps());
+    let advance = |done: u64| steps.set(steps.get() - done);
+    set.estimate_depth(&settings(), &advance, &mut |view, estimated| {
         let truth = (0..5)
             .map(|i| loaded(i, textured))
             .find(|truth| truth.pose.eye.distance(view.pose.eye) < 1e-6);
@@ -116,6 +119,7 @@ fn find(set: &mut ImageSet) -> Result<Agreement, DenseDepthError> {
             &truth.expect("one of the five").depth,
         );
     })?;
+    assert_eq!(steps.get(), 0, "all steps are reported");
     Ok(agreement)
 }
 

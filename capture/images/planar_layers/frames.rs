@@ -40,7 +40,7 @@ impl Frames {
     pub(super) fn load(
         job: &LayerJob,
         set: &ImageSet,
-        advance: &dyn Fn(),
+        advance: &dyn Fn(u64),
     ) -> Result<Self, LayersError> {
         let usable =
             |view: &&View| view.pinhole().is_some() && (!job.own_depth || view.depth.is_some());
@@ -90,7 +90,7 @@ impl Frames {
     fn load_depth(
         job: &LayerJob,
         views: &[&View],
-        advance: &dyn Fn(),
+        advance: &dyn Fn(u64),
     ) -> Result<(Vec<LoadedView>, f32), LayersError> {
         let is_usable =
             |view: &&View| view.depth.is_some() && (job.own_depth || !view.has_own_depth());

@@ -241,7 +241,7 @@ impl LayerJob {
     ///
     /// # Errors
     /// See [`LayersError`].
-    pub fn load(&self, set: &ImageSet, advance: &dyn Fn()) -> Result<Frames, LayersError> {
+    pub fn load(&self, set: &ImageSet, advance: &dyn Fn(u64)) -> Result<Frames, LayersError> {
         Frames::load(self, set, advance)
     }
 

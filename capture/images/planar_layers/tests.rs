@@ -466,7 +466,7 @@ fn photographs_without_depth_give_layers() {
     let set = write_photographs(folder.path(), pose, |i| view(i).color);
     let job = LayerJob::suggest(&set);
     assert_eq!(job.view, MIDDLE);
-    let frames = job.load(&set, &|| {}).expect("frames");
+    let frames = job.load(&set, &|_| {}).expect("frames");
     let layers = job.segment(&frames).expect("layers");
     assert!(
         (2..=4).contains(&layers.layers.len()),
@@ -483,7 +483,7 @@ fn sets_without_layers_report_reason() {
     let even = |_: usize| vec![[90, 90, 90, 255]; (SIZE[0] * SIZE[1]) as usize];
     let set = write_photographs(&folder.path().join("even"), pose, even);
     let error = |set: &ImageSet, job: &LayerJob| {
-        job.load(set, &|| {})
+        job.load(set, &|_| {})
             .and_then(|frames| job.segment(&frames))
             .expect_err("no layers")
             .to_string()

@@ -208,7 +208,7 @@ fn draw_with_estimated_depth(
     progress.begin("finding depth", "steps", estimated.find_depth_steps());
     estimated.estimate_depth(
         &DenseDepth::default(),
-        &|| progress.advance(1),
+        &|steps| progress.advance(steps),
         &mut |_, _| {},
     )?;
     let depth_ms = started.elapsed().as_secs_f64() * 1e3;

@@ -86,21 +86,25 @@ impl DepthArgs {
             longest_px: self.depth_size,
             ..DenseDepth::default()
         };
-        set.estimate_depth(&settings, &|| bar.advance(1), &mut |view, found| {
-            let original = names
-                .iter()
-                .position(|name| *name == view.name)
-                .and_then(|i| known.get(i));
-            let known = match original.map(View::load).transpose() {
-                Ok(original) => original.map(|original| original.depth).unwrap_or_default(),
-                Err(error) => {
-                    failed = failed.take().or(Some(error));
-                    Vec::new()
-                }
-            };
-            agreement.add(&found.view.depth, &known);
-            views += 1;
-        })
+        set.estimate_depth(
+            &settings,
+            &|steps| bar.advance(steps),
+            &mut |view, found| {
+                let original = names
+                    .iter()
+                    .position(|name| *name == view.name)
+                    .and_then(|i| known.get(i));
+                let known = match original.map(View::load).transpose() {
+                    Ok(original) => original.map(|original| original.depth).unwrap_or_default(),
+                    Err(error) => {
+                        failed = failed.take().or(Some(error));
+                        Vec::new()
+                    }
+                };
+                agreement.add(&found.view.depth, &known);
+                views += 1;
+            },
+        )
         .with_context(|| folder.display().to_string())?;
         bar.finish();
         if let Some(error) = failed {

@@ -133,7 +133,7 @@ fn read_masks(folder: &Path) -> anyhow::Result<Vec<Mask>> {
 
 fn load(set: &ImageSet, job: &LayerJob, bar: &Bar) -> anyhow::Result<Frames> {
     bar.begin("finding depth", "steps", job.steps(set));
-    Ok(job.load(set, &|| bar.advance(1))?)
+    Ok(job.load(set, &|steps| bar.advance(steps))?)
 }
 
 /// Segments layers without the held-out frames and measures them by these; returns the summary,
