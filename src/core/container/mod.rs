@@ -214,6 +214,16 @@ impl<'a> ContainerWriter<'a> {
         write_whole(path, |w| self.write_to(w)).map_err(|source| io_error(path, source))
     }
 
+    /// Returns the size that the file will have, bytes.
+    ///
+    /// # Errors
+    /// Those of the sections.
+    pub fn size(self) -> io::Result<u64> {
+        let mut file = io::Cursor::new(Vec::new());
+        self.write_to(&mut file)?;
+        Ok(file.get_ref().len() as u64)
+    }
+
     fn write_to(self, w: &mut (impl Write + Seek)) -> io::Result<()> {
         let count = self.sections.len();
         let mut table = Vec::with_capacity(count * ENTRY_BYTES);

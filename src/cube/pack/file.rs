@@ -20,6 +20,7 @@ use headbox_core::container::{Container, ContainerWriter, FileError, FileKind, S
 use headbox_core::cube_face::Face;
 use headbox_core::environment::Environment;
 use serde::{Deserialize, Serialize};
+use std::io;
 use std::path::Path;
 
 /// File kind of cube LDIs.
@@ -128,6 +129,18 @@ impl CubeLdi {
     /// # Errors
     /// [`FileError::Io`].
     pub fn write(&self, path: &Path) -> Result<(), FileError> {
+        self.writer().write(path)
+    }
+
+    /// Returns the size that the file of [`Self::write`] will have, bytes.
+    ///
+    /// # Errors
+    /// If the header or the environment cannot be encoded.
+    pub fn file_bytes(&self) -> io::Result<u64> {
+        self.writer().size()
+    }
+
+    fn writer(&self) -> ContainerWriter<'_> {
         let header = self.header();
         let has_planes = !self.planes.tiles.is_empty();
         let mut writer = ContainerWriter::new(CUBE_LDI);
@@ -146,7 +159,7 @@ impl CubeLdi {
             });
             writer.section("texels", || Ok(texel_bytes(&self.planes)));
         }
-        writer.write(path)
+        writer
     }
 
     /// Reads and validates a `.ldi` file ([`CubeLdi::validate`]).

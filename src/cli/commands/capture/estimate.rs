@@ -39,12 +39,9 @@ const ROUNDS_SHARE: f64 = 1.5;
 /// Minimum number of these rounds: two are needed to find that there are no holes.
 const MIN_ROUNDS: f64 = 2.0;
 
-/// Bytes of the file as a share of those in memory.
-const FILE_SHARE: f64 = 0.78;
-
 /// Power of the face size by which the file grows: plane textures of larger faces have fewer
 /// borders.
-const FILE_POWER: f64 = 1.87;
+const FILE_POWER: f64 = 1.88;
 
 /// Estimated time and space of a capture.
 pub(crate) struct Estimate {
@@ -118,6 +115,11 @@ impl Estimate {
         let packed = packing.pack(ldi)?;
         let light_s = stage_start.elapsed().as_secs_f64() * LIGHT_FACTOR * scale.powf(LIGHT_POWER);
         let depth_pixels = samples as f64 * scale * scale;
+        let file_bytes = if is_whole {
+            Some(packed.file_bytes()? as f64 * scale.powf(FILE_POWER))
+        } else {
+            None
+        };
         Ok(Self {
             before_s: start.elapsed().as_secs_f64(),
             rays,
@@ -126,8 +128,7 @@ impl Estimate {
             holes_s,
             hole_rounds: hole_rounds as u32,
             light_s: if is_whole { light_s } else { 0.0 },
-            file_bytes: is_whole
-                .then(|| packed.bytes() as f64 * FILE_SHARE * scale.powf(FILE_POWER)),
+            file_bytes,
             depth_pixels,
             memory_bytes: unlimited_bytes(used_memory, depth_pixels).max(peak_memory),
         })

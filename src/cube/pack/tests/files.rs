@@ -66,6 +66,8 @@ fn files_round_trip() {
         cube.planes = plane_set(tiles.to_vec(), texels);
         cube.write(&path).expect("written");
         assert_eq!(CubeLdi::read(&path).expect("read"), cube);
+        let written = std::fs::metadata(&path).expect("written").len();
+        assert_eq!(cube.file_bytes().expect("encoded"), written);
     }
 }
 
