@@ -2,7 +2,7 @@
 
 use crate::run;
 use glam::DVec3;
-use serde_json::Value;
+use serde_json::{Value, json};
 use std::path::Path;
 use std::process::Output;
 
@@ -107,11 +107,11 @@ fn a_house_is_written_described_and_walked() {
     let (left, right) = (corner(0), corner(1));
     let beside = |i: usize| right[i] + (right[i] - left[i]) * 0.1;
     let eye = format!("--eye {:.3},1.2,{:.3}", beside(0), beside(2));
-    let says = |eye: &str| {
-        let output = headbox(
-            at,
-            &format!("render a.house -o wall.png --size 64x48 {eye}"),
-        );
+    let poses = [500.0, beside(0), beside(0), 500.0]
+        .map(|x| json!({"eye": [x, 1.2, beside(2)], "look_at": [x, 1.2, 0]}));
+    std::fs::write(at.join("wall.json"), json!(poses).to_string()).expect("written");
+    let says = |cameras: &str| {
+        let output = headbox(at, &format!("render a.house --size 64x48 {cameras}"));
         assert!(
             output.status.success(),
             "{}",
@@ -120,13 +120,18 @@ fn a_house_is_written_described_and_walked() {
         String::from_utf8_lossy(&output.stderr).into_owned()
     };
     assert!(
-        says(&eye)
+        says(&format!("-o wall.png {eye}"))
             .contains("the eye is in no cell (inside a wall?); all cells are drawn as geometry"),
         "{eye}"
     );
     assert!(
-        !says("--eye 500,2,500").contains("in no cell"),
+        !says("-o wall.png --eye 500,2,500").contains("in no cell"),
         "that is in the outside cell"
+    );
+    let path = says("-o wall-frames --path wall.json");
+    assert!(
+        path.contains("drawn as geometry (frames 1 to 2 of 0 to 3)"),
+        "{path}"
     );
 
     refused(

@@ -136,6 +136,13 @@ impl RenderCommand {
             }
         };
         let mut renderer = self.open()?;
+        let outcome = self.render(&mut renderer, is_film);
+        renderer.print_warnings();
+        outcome
+    }
+
+    /// Renders the frame, the frames of the path or the film.
+    fn render(&self, renderer: &mut ViewRenderer, is_film: bool) -> anyhow::Result<()> {
         let frame = renderer.view.file_frame();
         match &self.path {
             Some(path) => {
@@ -144,9 +151,9 @@ impl RenderCommand {
                 let cameras = self.camera.resize_path(cameras)?;
                 renderer.warn_if_outside(&cameras);
                 if is_film {
-                    self.render_film(&mut renderer, &cameras, self.film_fps(path, &frame)?)
+                    self.render_film(renderer, &cameras, self.film_fps(path, &frame)?)
                 } else {
-                    self.render_path(&mut renderer, &cameras)
+                    self.render_path(renderer, &cameras)
                 }
             }
             None => {
@@ -154,10 +161,10 @@ impl RenderCommand {
                 let camera = self.camera.camera(&frame, &default)?;
                 if is_film {
                     let cameras = self.film_path(&*renderer.view, &camera)?;
-                    return self.render_film(&mut renderer, &cameras, self.fps());
+                    return self.render_film(renderer, &cameras, self.fps());
                 }
                 renderer.warn_if_outside(&[camera]);
-                self.render_one(&mut renderer, &camera)
+                self.render_one(renderer, &camera)
             }
         }
     }
@@ -293,8 +300,14 @@ impl RenderCommand {
             print_json(&report);
         } else {
             let (file, holes) = (self.output.display(), rendered.hole_fraction() * 100.0);
+            // The first frame allocates, and reads the file's pages.
+            let which = if self.repeat == 1 {
+                " for the first frame"
+            } else {
+                ""
+            };
             println!(
-                "{file}: {ms_median:.2} ms, {}, {holes:.3} % holes",
+                "{file}: {ms_median:.2} ms{which}, {}, {holes:.3} % holes",
                 renderer.summary()
             );
             println!(

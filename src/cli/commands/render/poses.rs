@@ -67,7 +67,8 @@ impl RenderCommand {
         let size = self.projection().size_px([first.width(), first.height()]);
         let bar = Bar::new();
         bar.begin("frames", "frames", cameras.len() as u64);
-        let mut frames = cameras.iter().map(|camera| {
+        let mut frames = cameras.iter().enumerate().map(|(pose, camera)| {
+            renderer.frame = pose;
             let picture = self
                 .picture(renderer, camera)
                 .map_err(std::io::Error::other);
@@ -109,6 +110,7 @@ impl RenderCommand {
         let mut csv = String::from("pose,ms,depth_pixels_in,splatted,hole_pixels\n");
         let mut times = Vec::with_capacity(cameras.len());
         for (pose, camera) in cameras.iter().enumerate() {
+            renderer.frame = pose;
             let rendered = renderer.render(camera, self.repeat, Planes::None)?;
             save_picture(
                 &folder.join(format!("frame_{pose:04}.png")),
@@ -143,6 +145,7 @@ impl RenderCommand {
     fn render_views(&self, renderer: &mut ViewRenderer, cameras: &[Camera]) -> anyhow::Result<()> {
         let started = Instant::now();
         for (pose, camera) in cameras.iter().enumerate() {
+            renderer.frame = pose;
             save_picture(
                 &self.output.join(format!("frame_{pose:04}.png")),
                 &self.picture(renderer, camera)?,

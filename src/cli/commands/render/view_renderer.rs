@@ -11,7 +11,7 @@ use headbox_core::view::{
 };
 use image::RgbImage;
 use serde_json::{Map, Value, json};
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 /// Renderer of a view with its settings.
@@ -19,8 +19,10 @@ pub(super) struct ViewRenderer {
     pub(super) view: Box<dyn View>,
     settings: Vec<Setting>,
     values: Arc<SettingValues>,
-    /// Warnings that have been printed.
-    warned: BTreeSet<String>,
+    /// Index of the frame that is being rendered: several renderings may make one frame.
+    pub(super) frame: usize,
+    /// Warnings, with the frames that they concern.
+    warnings: BTreeMap<String, BTreeSet<usize>>,
 }
 
 /// Planes of a frame requested with its colours.
@@ -81,13 +83,36 @@ pub(super) fn hex([r, g, b]: [u8; 3]) -> String {
     format!("#{r:02x}{g:02x}{b:02x}")
 }
 
+/// Formats numbers, the successive ones as ranges: `3, 5 to 9`.
+fn format_ranges(numbers: &BTreeSet<usize>) -> String {
+    let mut ranges: Vec<[usize; 2]> = Vec::new();
+    for &number in numbers {
+        match ranges.last_mut() {
+            Some([_, end]) if *end + 1 == number => *end = number,
+            _ => ranges.push([number; 2]),
+        }
+    }
+    let texts: Vec<String> = ranges
+        .into_iter()
+        .map(|[start, end]| {
+            if start == end {
+                start.to_string()
+            } else {
+                format!("{start} to {end}")
+            }
+        })
+        .collect();
+    texts.join(", ")
+}
+
 impl ViewRenderer {
     pub(super) fn new(view: Box<dyn View>, values: SettingValues) -> Self {
         Self {
             settings: view.settings(),
             view,
             values: Arc::new(values),
-            warned: BTreeSet::new(),
+            frame: 0,
+            warnings: BTreeMap::new(),
         }
     }
 
@@ -142,9 +167,8 @@ impl ViewRenderer {
                 bail_usage!("--depth does not apply to this view ({})", self.view.kind());
             }
             for warning in &report.warnings {
-                if self.warned.insert(warning.clone()) {
-                    eprintln!("warning: {warning}");
-                }
+                let frames = self.warnings.entry(warning.clone()).or_default();
+                frames.insert(self.frame);
             }
             return Ok(RenderedPose {
                 image: frame.to_rgb()?,
@@ -152,6 +176,19 @@ impl ViewRenderer {
                 report,
                 planes: (planes != Planes::None).then(|| frame.clone()),
             });
+        }
+    }
+
+    /// Prints the warnings about all frames so far; of several frames with the numbers of those
+    /// that they concern, which count from 0 as in the names of files.
+    pub(super) fn print_warnings(&self) {
+        for (warning, frames) in &self.warnings {
+            if self.frame == 0 {
+                eprintln!("warning: {warning}");
+            } else {
+                let (numbers, last) = (format_ranges(frames), self.frame);
+                eprintln!("warning: {warning} (frames {numbers} of 0 to {last})");
+            }
         }
     }
 
@@ -219,5 +256,17 @@ impl ViewRenderer {
         } else {
             format!("{kind} of {counted}, {variant}")
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn successive_numbers_become_ranges() {
+        let format = |numbers: &[usize]| format_ranges(&numbers.iter().copied().collect());
+        assert_eq!(format(&[0]), "0");
+        assert_eq!(format(&[3, 5, 6, 7, 11, 12]), "3, 5 to 7, 11 to 12");
     }
 }
