@@ -16,7 +16,8 @@ pub(crate) struct CompareCommand {
     reference: PathBuf,
     /// Image to compare with the reference, of the same size
     test: PathBuf,
-    /// Write the FLIP error map to this image
+    /// Write the FLIP error map to this image: black without error, through red to pale yellow at
+    /// an error of 1
     #[arg(long, value_name = "OUT.png")]
     map: Option<PathBuf>,
     /// Print one JSON object on standard output

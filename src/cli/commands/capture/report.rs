@@ -111,8 +111,13 @@ fn describe_search(holes: &Holes, limit: f64) -> String {
     if holes.share + holes.standard_error <= limit {
         result
     } else {
+        let above = if holes.share > limit {
+            "still above"
+        } else {
+            "with its uncertainty above"
+        };
         format!(
-            "{result}; still above the limit of {} % after {}: more --rays or a smaller --half-size leave fewer",
+            "{result}; {above} the limit of {} % after {}: more --rays or a smaller --half-size leave fewer",
             limit * 100.0,
             format_count(holes.rounds, "round")
         )
