@@ -4,10 +4,11 @@
 //! *Similar depth* is measured in inverse depth, so that it needs no tuning per model (D2). Samples
 //! are merged image by image, in this order on any number of threads.
 
+use super::free_space::FreeSpace;
 use super::row_samples::{ImageSample, RowSamples};
 use crate::merge::clusters::SAME_COLOR_LEVELS;
 use crate::surfaces::rows::split_lengths;
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use headbox_core::color::srgb_table::encode_srgb;
 use headbox_core::cube_face::Face;
 use headbox_cube::model::parameters::MergeRule;
@@ -23,7 +24,9 @@ struct Layer {
     color: Vec3,
     weight: f32,
     area: f32,
+    /// The last image with a sample in the layer, and the number of images that have one.
     image: u32,
+    images: u32,
     /// The previous layer of its pixel, or [`NONE`].
     next: u32,
 }
@@ -84,6 +87,25 @@ impl LayerCube {
                     }
                 }
             });
+    }
+
+    /// Drops layers in front of others that more images show, if more images see through them than
+    /// show them. `centre`: that of the cube, world metres; `tolerance`: of inverse depth, 1/m.
+    pub(super) fn drop_contradicted(&mut self, views: &[FreeSpace], centre: DVec3, tolerance: f32) {
+        let face_px = self.face_px;
+        let drop_from_row = |(number, row): (usize, &mut LayerRow)| {
+            let (face, y) = (number / face_px as usize, number % face_px as usize);
+            let Some(face) = Face::ALL.get(face) else {
+                return;
+            };
+            row.retain(|x, layer| {
+                let ray = face.direction(x as f64 + 0.5, y as f64 + 0.5, face_px);
+                let point = centre + ray / f64::from(layer.inverse_depth);
+                let contradicting = views.iter().filter(|view| view.contains(point, tolerance));
+                contradicting.count() <= layer.images as usize
+            });
+        };
+        self.rows.par_iter_mut().enumerate().for_each(drop_from_row);
     }
 
     /// Memory of the faces that [`Self::finish`] returns, bytes.
@@ -163,6 +185,32 @@ impl LayerRow {
         }
     }
 
+    /// Keeps the layers behind which no layer is of more images, and those of a column for which
+    /// `is_kept` returns true.
+    fn retain(&mut self, is_kept: impl Fn(usize, &Layer) -> bool) {
+        let mut kept = Vec::with_capacity(self.layers.len());
+        let mut pixel = Vec::new();
+        for (column, head) in self.heads.iter_mut().enumerate() {
+            let mut index = std::mem::replace(head, NONE);
+            pixel.clear();
+            while let Some(layer) = self.layers.get(index as usize) {
+                pixel.push(*layer);
+                index = layer.next;
+            }
+            for layer in pixel.iter().rev() {
+                let is_behind = |other: &Layer| other.inverse_depth < layer.inverse_depth;
+                let is_doubtful = pixel
+                    .iter()
+                    .any(|other| is_behind(other) && other.images > layer.images);
+                if !is_doubtful || is_kept(column, layer) {
+                    let next = std::mem::replace(head, kept.len() as u32);
+                    kept.push(Layer { next, ..*layer });
+                }
+            }
+        }
+        self.layers = kept;
+    }
+
     /// Writes depth pixels, by pixel and farthest first, and the end offset of each pixel; `before`
     /// is the number of depth pixels before the row.
     fn finish(&self, before: u32, ends: &mut [u32], samples: &mut [DepthPixel]) {
@@ -222,7 +270,7 @@ fn insert(
         return push(layers);
     };
     match policy.rule {
-        MergeRule::Average => layer.average(sample),
+        MergeRule::Average => layer.average(sample, image),
         // All samples of one image are kept: they are of a surface nearly parallel to the pixel's
         // ray. Those of the central image are never replaced.
         MergeRule::SmallerArea if layer.image == image => push(layers),
@@ -257,11 +305,14 @@ impl Layer {
             weight,
             area,
             image,
+            images: 1,
             next,
         }
     }
 
-    fn average(&mut self, sample: &ImageSample) {
+    fn average(&mut self, sample: &ImageSample, image: u32) {
+        self.images += u32::from(self.image != image);
+        self.image = image;
         let total = self.weight + sample.weight;
         let share = sample.weight / total;
         self.inverse_depth += (sample.inverse_depth - self.inverse_depth) * share;
@@ -287,6 +338,7 @@ mod tests {
     use super::super::row_samples::LinearColor16;
     use super::*;
     use headbox_core::color::linear_from_srgb8;
+    use headbox_fixtures::plane_view;
 
     /// An image number and a sample.
     type NumberedSample = (u32, ImageSample);
@@ -382,6 +434,50 @@ mod tests {
             panic!("one layer")
         };
         assert!((depth - 0.502).abs() < 1e-6, "{depth}");
+    }
+
+    #[test]
+    fn layers_that_more_images_see_through_are_dropped() {
+        const MINUS_Z: u16 = 5;
+        let at = |(image, inverse_depth)| {
+            let (image, sample) = sample(image, inverse_depth, 90, 1.0);
+            let column = MINUS_Z;
+            (image, ImageSample { column, ..sample })
+        };
+        let view = |distance| FreeSpace::new(&plane_view(DVec3::ZERO, distance, [48, 36]));
+        let kept = |samples: &[(u32, f32)], distances: &[f64]| -> Vec<f32> {
+            let samples: Vec<NumberedSample> = samples.iter().copied().map(at).collect();
+            let views: Vec<FreeSpace> = distances.iter().copied().map(view).collect();
+            let mut cube = LayerCube::new(1, MergeRule::Average, 0.01);
+            cube.add(&batches(&samples, 1));
+            cube.drop_contradicted(&views, DVec3::ZERO, 0.01);
+            let face = &cube.finish()[usize::from(MINUS_Z)];
+            face.samples.iter().map(|it| it.inverse_depth).collect()
+        };
+        let floating = [(0, 1.0), (1, 0.25), (2, 0.25)];
+        assert_eq!(kept(&floating, &[1.0, 4.0, 4.0]), [0.25]);
+        assert_eq!(
+            kept(&floating, &[1.0, 4.0, 1.0]),
+            [0.25, 1.0],
+            "one against one"
+        );
+        assert_eq!(
+            kept(&floating, &[1.0, 1.0, 1.0]),
+            [0.25, 1.0],
+            "not seen through"
+        );
+        let both = [(0, 1.0), (1, 1.0), (2, 0.25), (3, 0.25)];
+        assert_eq!(
+            kept(&both, &[4.0; 4]),
+            [0.25, 1.0],
+            "as many images show it as the other"
+        );
+        let many_in_one = [(0, 1.0), (0, 1.0), (0, 1.0), (1, 0.25), (2, 0.25)];
+        assert_eq!(
+            kept(&many_in_one, &[1.0, 4.0, 4.0]),
+            [0.25],
+            "images count, not samples"
+        );
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! Cube LDIs from depth images of many cameras (S12, C1, C24, D1, D2).
 //!
 //! Every image is warped into the cube by one path. Images are loaded one after the other, so that
-//! thousands of them need no memory beyond the cube's own.
+//! thousands of them need little memory beyond the cube's own: 0.4 MB each.
 //!
 //! * `depth_rows`: pixels of a depth image become patches of surface.
 //! * `face_patches`: patches projected onto a face of the cube.
@@ -9,6 +9,7 @@
 //! * `color_queue`: interpolates the colours of samples.
 //! * [`row_samples`]: samples by row of the cube.
 //! * [`layers`]: samples of all images are merged by one of the papers' rules ([`MergeRule`]).
+//! * `free_space`: drops averaged layers that other images see through.
 //! * `nearest`: the images nearest to a view, as a cube.
 //!
 //! *Similar depth* is a parallax of one pixel inside the headbox, or three standard deviations of
@@ -19,6 +20,7 @@ mod color_queue;
 mod depth_rows;
 mod face_patches;
 mod footprint;
+mod free_space;
 pub mod layers;
 mod nearest;
 #[cfg(test)]
@@ -28,6 +30,7 @@ pub mod row_samples;
 pub use nearest::NearestImages;
 
 use footprint::WarpTarget;
+use free_space::FreeSpace;
 use glam::DVec3;
 use headbox_core::environment::Environment;
 use headbox_core::memory;
@@ -170,6 +173,8 @@ impl ImageSetCapture {
             level: simd::level(),
         };
         let mut cube = LayerCube::new(self.face_size_px, self.merge_rule, tolerance);
+        let averages = self.merge_rule == MergeRule::Average;
+        let mut free_spaces = Vec::new();
         let pool = RowSamplePool::default();
         let reserve = |bytes| memory::reserve(bytes as u64).map_err(ImagesError::Memory);
         // Before images are read: the faces alone may be too large.
@@ -188,13 +193,14 @@ impl ImageSetCapture {
                 let samples = target.warp(&view, i as u32, &pool);
                 drop(memory);
                 progress.advance(1);
-                Ok(samples)
+                Ok((samples, averages.then(|| FreeSpace::new(&view))))
             });
-            let samples = warped
-                .collect::<Result<Vec<_>, _>>()?
-                .into_iter()
-                .flatten()
-                .collect::<Vec<_>>();
+            let warped: Vec<_> = warped.collect::<Result<_, _>>()?;
+            let mut samples = Vec::new();
+            for (of_view, free_space) in warped {
+                samples.extend(of_view);
+                free_spaces.extend(free_space);
+            }
             if reserve(layers::max_layer_bytes(&samples)).is_ok() {
                 cube.add(&samples);
             } else {
@@ -207,6 +213,7 @@ impl ImageSetCapture {
             pool.put_back(samples);
             drop(reserve(cube.finished_bytes().saturating_sub(pool.bytes()))?);
         }
+        cube.drop_contradicted(&free_spaces, self.centre, tolerance);
         Ok(cube)
     }
 

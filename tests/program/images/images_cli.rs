@@ -461,5 +461,5 @@ fn captures_of_images_keep_the_memory_limit() {
     // Faces of 16 pixels: the samples of an image.
     capture(2048, 8, "110", Some("96"));
     // Faces of 2,000 pixels: the layers of its samples.
-    capture(2048, 1000, "200", Some("151"));
+    capture(2048, 1000, "200", Some("168"));
 }
