@@ -56,7 +56,9 @@ pub use check::{CheckReport, Residual, check, check_neighbors};
 pub use depth::{AssumedDepth, DepthPicture, DepthSource, write_depth_exr};
 pub use error::ImagesError;
 pub use refine::{RefinementReport, RefinementStep};
-pub use register::{Registration, RegistrationModel, RegistrationReport, RegistrationStep};
+pub use register::{
+    Exposure, Registration, RegistrationModel, RegistrationReport, RegistrationStep,
+};
 pub use views::traced_view;
 pub use views::view::{LoadedView, MAX_DEPTH_M, View};
 

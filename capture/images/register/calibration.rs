@@ -2,7 +2,7 @@
 
 use super::super::cameras::pose::mean_difference;
 use super::solve::{SHARED_UNKNOWNS, VIEW_UNKNOWNS};
-use super::{Pinhole, Pose, Registration};
+use super::{Exposure, Pinhole, Pose, Registration};
 use crate::Distortion;
 use glam::{DMat3, DVec2, DVec3};
 
@@ -112,7 +112,7 @@ impl Calibration {
     }
 
     /// Converts the estimate and gains to registrations of the views.
-    pub(super) fn to_registrations(&self, gains: &[[f32; 3]]) -> Vec<Registration> {
+    pub(super) fn to_registrations(&self, exposures: &[Exposure]) -> Vec<Registration> {
         let radial = [self.radial, 0.0, 0.0, 0.0, 0.0, 0.0];
         let lens = Pinhole {
             focal_px: [self.focal_px; 2],
@@ -123,8 +123,12 @@ impl Calibration {
             },
         };
         self.poses()
-            .zip(gains)
-            .map(|(pose, &gain)| Registration { lens, pose, gain })
+            .zip(exposures)
+            .map(|(pose, &exposure)| Registration {
+                lens,
+                pose,
+                exposure,
+            })
             .collect()
     }
 }

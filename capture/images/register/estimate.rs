@@ -9,7 +9,7 @@ use super::calibration::Calibration;
 use super::photometric::PhotometricProblem;
 use super::view_samples::{MAX_COLUMNS, ViewSamples};
 use super::{
-    ImageSet, ImagesError, Lens, Pinhole, Pose, Registration, RegistrationModel,
+    Exposure, ImageSet, ImagesError, Lens, Pinhole, Pose, Registration, RegistrationModel,
     RegistrationReport, RegistrationStep, exposure, subset,
 };
 use rayon::prelude::*;
@@ -129,10 +129,10 @@ pub(super) fn estimate_views(
         }
     }
     let (mut applied, estimate, _) = best;
-    let gains = exposure::estimate(&problem, estimate);
+    let exposures = exposure::estimate(&problem, estimate);
     let offset = estimate.mean_offset(problem.poses());
-    let (estimate, gains) = if sampled_views == poses.len() {
-        (estimate.clone(), gains)
+    let (estimate, exposures) = if sampled_views == poses.len() {
+        (estimate.clone(), exposures)
     } else {
         if poses.len() > MAX_VIEWS && applied == RegistrationModel::PerView {
             applied = if is_better(levels[1], levels[0]) && is_plausible(&shared, &given) {
@@ -147,28 +147,26 @@ pub(super) fn estimate_views(
             &shared
         };
         let all = common.transfer(&initial, poses.iter().copied());
-        let has_gains = gains.as_flattened().iter().any(|&gain| gain != 1.0);
-        let needs_all_views = applied == RegistrationModel::PerView || has_gains;
+        let has_exposures = exposures.iter().any(|it| *it != Exposure::EVEN);
+        let needs_all_views = applied == RegistrationModel::PerView || has_exposures;
         if needs_all_views && poses.len() <= MAX_VIEWS {
             estimate_all_views(all, applied, poses.len(), given, load)?
         } else {
-            (all, vec![[1.0; 3]; poses.len()])
+            (all, vec![Exposure::EVEN; poses.len()])
         }
     };
-    let (low, high) = gains
-        .iter()
-        .flatten()
-        .fold((f32::MAX, 0.0f32), |(low, high), &g| {
-            (low.min(g), high.max(g))
-        });
-    let mut registrations = estimate.to_registrations(&gains);
+    let gains = exposures.iter().flat_map(|exposure| exposure.gain);
+    let (low, high) = gains.fold((f32::MAX, 0.0f32), |(low, high), gain| {
+        (low.min(gain), high.max(gain))
+    });
+    let mut registrations = estimate.to_registrations(&exposures);
     if applied == RegistrationModel::AsGiven {
         // Restores the given cameras to the last digit.
         for (registration, pose) in registrations.iter_mut().zip(poses) {
             *registration = Registration {
                 lens: given,
                 pose: *pose,
-                gain: registration.gain,
+                exposure: registration.exposure,
             };
         }
     }
@@ -212,7 +210,7 @@ fn estimate_all_views(
     count: usize,
     given: Pinhole,
     load: &LoadSamples,
-) -> Result<(Calibration, Vec<[f32; 3]>), ImagesError> {
+) -> Result<(Calibration, Vec<Exposure>), ImagesError> {
     // Assumes an aspect ratio of four to three.
     let columns = (MAX_POINTS / count as f64 * 4.0 / 3.0).sqrt() as u32;
     let samples = load(
@@ -225,6 +223,6 @@ fn estimate_all_views(
     } else {
         common
     };
-    let gains = exposure::estimate(&problem, &estimate);
-    Ok((estimate, gains))
+    let exposures = exposure::estimate(&problem, &estimate);
+    Ok((estimate, exposures))
 }

@@ -31,8 +31,36 @@ pub struct Registration {
     pub lens: Pinhole,
     /// Pose, world metres.
     pub pose: Pose,
-    /// Exposure of the view relative to the set, per channel.
+    /// Exposure of the view relative to the set.
+    pub exposure: Exposure,
+}
+
+/// Exposure of a view relative to its set: automatic exposure and white balance scale the levels of
+/// a channel, stray light in the lens raises them.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Exposure {
+    /// Factor on the levels of each channel.
     pub gain: [f32; 3],
+    /// Levels, 0..255, added to them.
+    pub offset: [f32; 3],
+}
+
+impl Exposure {
+    /// Exposure of all views of an evenly exposed set.
+    pub const EVEN: Self = Self {
+        gain: [1.0; 3],
+        offset: [0.0; 3],
+    };
+
+    /// Converts a level of the set to this exposure.
+    pub fn expose(&self, channel: usize, level: f32) -> u8 {
+        (level * self.gain[channel] + self.offset[channel] + 0.5).clamp(0.0, 255.0) as u8
+    }
+
+    /// Converts a level of this exposure to that of the set.
+    pub fn even_out(&self, channel: usize, level: f32) -> u8 {
+        ((level - self.offset[channel]) / self.gain[channel] + 0.5).clamp(0.0, 255.0) as u8
+    }
 }
 
 /// Result of registering a set.
@@ -110,10 +138,10 @@ impl Registration {
     /// Reprojects the depth of an undistorted view into its colour image, undistorts the colours
     /// with the estimated lens, and equalises their exposure.
     pub(super) fn apply(&self, mut view: LoadedView) -> LoadedView {
-        if self.gain != [1.0; 3] {
+        if self.exposure != Exposure::EVEN {
             for pixel in &mut view.color {
-                for (level, gain) in pixel.iter_mut().zip(self.gain) {
-                    *level = (f32::from(*level) / gain + 0.5).min(255.0) as u8;
+                for (channel, level) in pixel[..3].iter_mut().enumerate() {
+                    *level = self.exposure.even_out(channel, f32::from(*level));
                 }
             }
         }

@@ -4,7 +4,7 @@ use super::calibration::Calibration;
 use super::estimate::{estimate_views, is_better, is_plausible};
 use super::photometric::PhotometricProblem;
 use super::view_samples::{MAX_COLUMNS, ViewSamples};
-use super::{Lens, LoadedView, Pinhole, Pose, RegistrationModel, exposure};
+use super::{Exposure, Lens, LoadedView, Pinhole, Pose, RegistrationModel, exposure};
 use crate::Distortion;
 use glam::{DMat3, DVec2, DVec3, dvec2, dvec3};
 
@@ -137,8 +137,8 @@ fn lens_poses_and_exposure_estimated() {
         levels[1] < levels[0] * 0.6 && levels[2] < levels[1] * 0.6,
         "{levels:?}"
     );
-    let estimated_gains = exposure::estimate(&problem, &per_view);
-    let registrations = per_view.to_registrations(&estimated_gains);
+    let exposures = exposure::estimate(&problem, &per_view);
+    let registrations = per_view.to_registrations(&exposures);
     assert!(
         (registrations[0].lens.focal_px[0] / 130.0 - 1.0).abs() < 0.01,
         "{:?}",
@@ -164,12 +164,53 @@ fn lens_poses_and_exposure_estimated() {
     let distances = errors.iter().map(|error| error.distance(common));
     let own = distances.sum::<f64>() / errors.len() as f64;
     assert!(common.length() < 1.5 && own < 0.5, "{common} px, {own} px");
-    for (estimated, gain) in estimated_gains.iter().zip(&gains) {
-        for channel in estimated {
+    for (estimated, gain) in exposures.iter().zip(&gains) {
+        assert_eq!(estimated.offset, [0.0; 3], "gains explain the levels");
+        for channel in estimated.gain {
             assert!(
-                (f64::from(*channel) / gain - 1.0).abs() < 0.015,
-                "{estimated_gains:?}"
+                (f64::from(channel) / gain - 1.0).abs() < 0.015,
+                "{exposures:?}"
             );
+        }
+    }
+}
+
+/// Stray light raises the levels of some views, whose gain differs, too.
+#[test]
+fn offsets_of_levels_estimated() {
+    let truth = |i: usize| {
+        let offset = 8.0 * (i as f32 * 0.9).sin();
+        Exposure {
+            gain: [1.0 + 0.06 * (i as f32 * 0.5).cos(), 1.0, 0.97],
+            offset: [offset, -offset, 0.5 * offset],
+        }
+    };
+    let camera = |i| (lens(146.0), pose(i));
+    let views = (0..10)
+        .map(|i| {
+            let mut view = rendered(camera(i), camera(i), 1.0);
+            for pixel in &mut view.color {
+                for (c, level) in pixel[..3].iter_mut().enumerate() {
+                    *level = truth(i).expose(c, f32::from(*level));
+                }
+            }
+            ViewSamples::new(&view, MAX_COLUMNS)
+        })
+        .collect();
+    let problem = PhotometricProblem::new(views, pinhole(146.0));
+    let exposures = exposure::estimate(&problem, &problem.initial_calibration());
+    // Only differences between views are determined: the levels that one level of the first view
+    // has in the others.
+    for (i, estimated) in exposures.iter().enumerate() {
+        for c in 0..3 {
+            for level in [60.0, 128.0, 200.0] {
+                let [expected, found] = [(truth(0), truth(i)), (exposures[0], *estimated)]
+                    .map(|(first, own)| own.expose(c, f32::from(first.even_out(c, level))));
+                assert!(
+                    expected.abs_diff(found) <= 3,
+                    "view {i}, channel {c}: {expected} {found}"
+                );
+            }
         }
     }
 }
@@ -193,8 +234,7 @@ fn registered_views_unchanged() {
     assert!(
         exposure::estimate(&problem, &given)
             .iter()
-            .flatten()
-            .all(|&gain| gain == 1.0)
+            .all(|exposure| *exposure == Exposure::EVEN)
     );
 }
 
@@ -313,6 +353,7 @@ fn subset_represents_all_views() {
             let gain = gain(i) / mean.exp();
             assert!(
                 registration
+                    .exposure
                     .gain
                     .iter()
                     .all(|channel| (f64::from(*channel) / gain - 1.0).abs() < 0.03),

@@ -7,7 +7,7 @@ use headbox_core::frame::Frame;
 use headbox_core::metrics;
 use headbox_cube::pack::PackError;
 use headbox_images::dense_depth::DenseDepthError;
-use headbox_images::{ImagesError, Lens, LoadedView};
+use headbox_images::{Exposure, ImagesError, Lens, LoadedView};
 use headbox_photos::view_geometry::GeometryError;
 use image::{Rgb, RgbImage};
 use serde::Serialize;
@@ -125,11 +125,11 @@ pub(super) struct HeldOutFrame {
 }
 
 impl HeldOutFrame {
-    /// Prepares a frame for comparison: multiplies each channel by its gain and sets pixels that
+    /// Prepares a frame for comparison: gives it the exposure of the photograph and sets pixels that
     /// are not covered to `hole`, if given.
     pub(super) fn new(
         frame: &Frame,
-        gain: [f32; 3],
+        exposure: Exposure,
         hole: Option<[u8; 3]>,
         frame_ms: f64,
         build_ms: f64,
@@ -138,8 +138,7 @@ impl HeldOutFrame {
         let covers = |i: usize| frame.coverage[i].splat_share() >= COVERED;
         let pixel = |x: u32, y: u32| {
             let i = (y * frame.width + x) as usize;
-            let exposed =
-                |c: usize| (f32::from(frame.color[i][c]) * gain[c] + 0.5).min(255.0) as u8;
+            let exposed = |c: usize| exposure.expose(c, f32::from(frame.color[i][c]));
             Rgb(hole
                 .filter(|_| !covers(i))
                 .unwrap_or([0, 1, 2].map(exposed)))

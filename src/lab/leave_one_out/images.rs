@@ -21,7 +21,7 @@ use headbox_core::camera::Camera;
 use headbox_core::progress::Progress;
 use headbox_cube::pack::{CubeLdi, SplatIndexLayout, Split};
 use headbox_cube::render::{RenderSettings, Renderer};
-use headbox_images::{ImageSet, LoadedView, Registration, View};
+use headbox_images::{Exposure, ImageSet, LoadedView, Registration, View};
 use headbox_ldi::from_images::{ImageSetCapture, NearestImages};
 use headbox_photos::view_geometry::{
     GeometryRenderer, GeometryResources, GeometrySettings, RankWeights, Texturing, ViewGeometry,
@@ -233,12 +233,12 @@ impl HoldOutTest<'_> {
         show: &mut dyn FnMut(SideBySide),
     ) -> Result<(), HoldOutError> {
         let view = self.views[i];
-        let gain = view
+        let exposure = view
             .registration
-            .map_or([1.0; 3], |registration| registration.gain);
-        // The photograph keeps its exposure; the frames are multiplied by its gain.
+            .map_or(Exposure::EVEN, |registration| registration.exposure);
+        // The photograph keeps its exposure, which the frames are given.
         let registration = view.registration.map(|registration| Registration {
-            gain: [1.0; 3],
+            exposure: Exposure::EVEN,
             ..registration
         });
         let held = View {
@@ -255,14 +255,14 @@ impl HoldOutTest<'_> {
         let few = self.near_cube(near, &chosen)?;
         let mut frames = Vec::new();
         for cube in [&nearest, &few, all] {
-            frames.push(self.draw_cube(cube, &camera, gain));
+            frames.push(self.draw_cube(cube, &camera, exposure));
         }
         for texturing in Texturing::ALL {
             let settings = GeometrySettings {
                 texturing,
                 ..self.settings
             };
-            frames.push(self.draw_geometry(settings, &camera, gain));
+            frames.push(self.draw_geometry(settings, &camera, exposure));
         }
         let weighted = WEIGHTS.map(|(_, [distance, angle, visibility])| {
             let weights = RankWeights {
@@ -274,7 +274,7 @@ impl HoldOutTest<'_> {
                 weights,
                 ..self.settings
             };
-            self.draw_geometry(settings, &camera, gain)
+            self.draw_geometry(settings, &camera, exposure)
         });
         let edges = near_edges(&held, &camera);
         let scene = self.set.folder.display().to_string();
@@ -302,7 +302,7 @@ impl HoldOutTest<'_> {
     }
 
     /// Draws a cube.
-    fn draw_cube(&mut self, built: &SetCube, camera: &Camera, gain: [f32; 3]) -> HeldOutFrame {
+    fn draw_cube(&mut self, built: &SetCube, camera: &Camera, exposure: Exposure) -> HeldOutFrame {
         let cube = &built.cube;
         let settings = RenderSettings {
             hole_color_srgb: HOLE,
@@ -317,7 +317,7 @@ impl HoldOutTest<'_> {
             rebuild_ms: built.rebuild_ms,
             ..HeldOutFrame::new(
                 frame,
-                gain,
+                exposure,
                 hole,
                 stats.frame_ms,
                 built.build_ms,
@@ -331,7 +331,7 @@ impl HoldOutTest<'_> {
         &mut self,
         settings: GeometrySettings,
         camera: &Camera,
-        gain: [f32; 3],
+        exposure: Exposure,
     ) -> HeldOutFrame {
         self.geometry_renderer
             .render(&self.geometry, camera, &settings, WaitPolicy::Wait);
@@ -340,7 +340,7 @@ impl HoldOutTest<'_> {
                 .render(&self.geometry, camera, &settings, WaitPolicy::Wait);
         HeldOutFrame::new(
             frame,
-            gain,
+            exposure,
             Some(HOLE),
             stats.frame_ms,
             self.geometry_ms,

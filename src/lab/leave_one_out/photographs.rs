@@ -23,7 +23,7 @@ use headbox_cube::model::samples::CubeSamples;
 use headbox_cube::pack::{CubeLdi, SplatIndexLayout, Split};
 use headbox_cube::render::{RenderSettings, Renderer};
 use headbox_images::dense_depth::{DenseDepth, DenseDepthError};
-use headbox_images::{ImageSet, ImagesError, LoadedView, View};
+use headbox_images::{Exposure, ImageSet, ImagesError, LoadedView, View};
 use headbox_ldi::from_images::ImageSetCapture;
 use headbox_photos::view_geometry::{
     GeometryRenderer, GeometryResources, GeometrySettings, Texturing, ViewGeometry, WaitPolicy,
@@ -237,7 +237,7 @@ fn draw_with_estimated_depth(
         let (frame, stats) = renderer.render(&geometry, camera, &settings, WaitPolicy::Wait);
         frames.push(HeldOutFrame::new(
             frame,
-            [1.0; 3],
+            Exposure::EVEN,
             None,
             stats.frame_ms,
             build_ms,
@@ -265,7 +265,7 @@ fn draw_cube(
     let (frame, stats) = renderer.render_with_stats(&cube, camera, &settings);
     Ok(HeldOutFrame::new(
         frame,
-        [1.0; 3],
+        Exposure::EVEN,
         None,
         stats.frame_ms,
         build_ms,

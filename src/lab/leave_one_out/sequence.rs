@@ -19,7 +19,7 @@ use headbox_core::frame::Frame;
 use headbox_core::statistics::median;
 use headbox_images::dense_depth::Agreement;
 use headbox_images::planar_layers::{Frames, LayerJob, LayersError, PlanarLayers};
-use headbox_images::{ImageSet, LoadedView, Pose, View};
+use headbox_images::{Exposure, ImageSet, LoadedView, Pose, View};
 use headbox_sprite::compose::{ComposeSettings, Composer, Composition};
 use headbox_sprite::{
     DisplacementFormat, RenderOptions, SpriteError, SpriteSet, SpriteVariant, sprites_from_layers,
@@ -248,7 +248,14 @@ fn draw_sprites(
     });
     let frame_ms = stats.sprites_ms + stats.cubes_ms + stats.compose_ms;
     let hole = Some(HOLE);
-    HeldOutFrame::new(&frame, [1.0; 3], hole, frame_ms, build_ms, bytes.sum())
+    HeldOutFrame::new(
+        &frame,
+        Exposure::EVEN,
+        hole,
+        frame_ms,
+        build_ms,
+        bytes.sum(),
+    )
 }
 
 /// Compares the estimated depth of the middle view, and that of its planes and layers, with the

@@ -4,14 +4,14 @@ use super::{CacheOrigin, PoseRecord, read_or_make, views_file_name};
 use bytemuck::{Pod, Zeroable};
 use headbox_core::container::{Container, ContainerWriter, FileError, FileKind};
 use headbox_images::{
-    Distortion, ImageSet, ImagesError, Pinhole, Registration, RegistrationModel,
+    Distortion, Exposure, ImageSet, ImagesError, Pinhole, Registration, RegistrationModel,
     RegistrationReport, RegistrationStep,
 };
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
 /// Version of the registration method; changes with it.
-const HOW: &str = "registration of opaque pixels";
+const HOW: &str = "registration with offsets of levels";
 
 /// Registration of a view in the file; zeros for an unregistered one.
 #[derive(Clone, Copy, Pod, Zeroable)]
@@ -25,6 +25,7 @@ struct ViewRecord {
     tangential: [f64; 2],
     pose: PoseRecord,
     gain: [f64; 3],
+    offset: [f64; 3],
 }
 
 /// A [`RegistrationReport`] in the file.
@@ -124,7 +125,12 @@ fn open(path: &Path, views: usize) -> Result<CachedRegistration, FileError> {
 }
 
 fn view_record(registration: &Option<Registration>) -> ViewRecord {
-    let Some(Registration { lens, pose, gain }) = *registration else {
+    let Some(Registration {
+        lens,
+        pose,
+        exposure,
+    }) = *registration
+    else {
         return ViewRecord::zeroed();
     };
     ViewRecord {
@@ -134,7 +140,8 @@ fn view_record(registration: &Option<Registration>) -> ViewRecord {
         radial: lens.distortion.radial,
         tangential: lens.distortion.tangential,
         pose: pose.into(),
-        gain: gain.map(f64::from),
+        gain: exposure.gain.map(f64::from),
+        offset: exposure.offset.map(f64::from),
     }
 }
 
@@ -149,7 +156,10 @@ fn read_registration(record: &ViewRecord) -> Option<Registration> {
             },
         },
         pose: record.pose.into(),
-        gain: record.gain.map(|gain| gain as f32),
+        exposure: Exposure {
+            gain: record.gain.map(|gain| gain as f32),
+            offset: record.offset.map(|offset| offset as f32),
+        },
     })
 }
 
@@ -204,7 +214,10 @@ mod tests {
                 eye: DVec3::from_array([13, 14, 15].map(part)),
                 world_from_eye: DMat3::from_cols_array(&std::array::from_fn(|k| part(16 + k))),
             },
-            gain: [25, 26, 27].map(|k| part(k) as f32),
+            exposure: Exposure {
+                gain: [25, 26, 27].map(|k| part(k) as f32),
+                offset: [28, 29, 30].map(|k| part(k) as f32),
+            },
         }
     }
 
