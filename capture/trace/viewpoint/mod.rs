@@ -31,20 +31,30 @@ struct Surroundings {
     median_m: f64,
     /// Fraction of directions with a surface.
     enclosed: f64,
-    /// Fraction of these surfaces whose back side is visible.
+    /// Fraction of these surfaces whose back side is visible. Floors do not count, which may be
+    /// those of the ground that a building stands on, nor party walls: two surfaces in one plane
+    /// that face away from each other.
     backs: f64,
 }
 
 /// Measures the surroundings of a world position (128 directions, evenly spread).
 fn look_around(tracer: &Tracer, world: DVec3) -> Surroundings {
     let mut distances = Vec::with_capacity(DIRECTIONS as usize);
-    let mut backs = 0;
+    let [mut fronts, mut backs] = [0u32; 2];
     for i in 0..DIRECTIONS {
         let direction = spread_direction(i);
         if let Some(hit) = cast(tracer, world, direction) {
             distances.push(hit.t);
             let normal = tracer.scene().geometric_normal(hit.primitive);
-            backs += u32::from(normal.dot(direction) > 0.0);
+            let is_floor = direction.y < 0.0 && normal.y.abs() > 0.9;
+            if is_floor {
+                continue;
+            }
+            if normal.dot(direction) > 0.0 {
+                backs += 1;
+            } else if !is_party_wall(tracer, world, direction, hit.t) {
+                fronts += 1;
+            }
         }
     }
     distances.sort_by(f32::total_cmp);
@@ -54,8 +64,30 @@ fn look_around(tracer: &Tracer, world: DVec3) -> Surroundings {
         clearance_m: distance_m(0),
         median_m: distance_m(distances.len() / 2),
         enclosed: hits / f64::from(DIRECTIONS),
-        backs: f64::from(backs) / hits.max(1.0),
+        backs: f64::from(backs) / f64::from((fronts + backs).max(1)),
     }
+}
+
+/// Returns true if a ray from a world position meets a back side in the plane of a front side at
+/// distance `t`.
+fn is_party_wall(tracer: &Tracer, world: DVec3, direction: Vec3, t: f32) -> bool {
+    /// Maximum distance of the two sides, relative to `t`, and in metres.
+    const APART: [f32; 2] = [1e-5, 1e-3];
+    let apart = APART[0] * t + APART[1];
+    let ray = Ray {
+        t_min: (t - apart).max(0.0),
+        t_max: t + apart,
+        ..Ray::new((world - tracer.origin()).as_vec3(), direction)
+    };
+    let mut has_back = false;
+    tracer.all_hits(&ray, &mut |hit| {
+        has_back |= tracer
+            .scene()
+            .geometric_normal(hit.primitive)
+            .dot(direction)
+            > 0.0;
+    });
+    has_back
 }
 
 /// Returns the `i`-th of [`DIRECTIONS`] unit vectors, evenly spread.

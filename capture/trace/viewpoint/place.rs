@@ -46,7 +46,8 @@ const MIN_ROOMS_NEAR_DETAIL: f64 = 0.2;
 const ROOM_ENCLOSED: f64 = 0.9;
 /// Minimum fraction of directions with surfaces inside a room; fewer means next to objects.
 const MIN_ENCLOSED: f64 = 0.75;
-/// Minimum fraction of visible back faces inside a solid.
+/// Minimum fraction of visible back faces ([`Surroundings::backs`]) inside a solid, such as a house
+/// that is modelled from outside.
 const SOLID_BACKS: f64 = 0.99;
 
 /// Maximum distance from the scene, in its diagonals: beyond, it is less than a pixel wide on the
@@ -201,53 +202,70 @@ fn free_place(tracer: &Tracer) -> Option<DVec3> {
     )
 }
 
+/// A floor on which a person can stand.
+struct Floor {
+    place: DVec3,
+    /// True under a level ceiling.
+    is_covered: bool,
+    /// True where nearly all directions show surfaces: in a room, not under a tree or a bridge.
+    is_enclosed: bool,
+    /// False inside a solid.
+    is_open: bool,
+}
+
+impl Floor {
+    fn new(tracer: &Tracer, place: DVec3) -> Self {
+        let ceiling = cast(tracer, place + DVec3::Y * 0.4, Vec3::Y);
+        let around = look_around(tracer, place + DVec3::Y * EYE_HEIGHT_M);
+        Self {
+            place,
+            is_covered: ceiling
+                .is_some_and(|hit| tracer.scene().geometric_normal(hit.primitive).y.abs() > 0.7),
+            is_enclosed: around.enclosed >= ROOM_ENCLOSED,
+            is_open: around.backs < SOLID_BACKS,
+        }
+    }
+}
+
 /// Returns the eye position at the best standing position.
 fn standing_place(tracer: &Tracer) -> Option<DVec3> {
     let [low, high] = tracer.scene().bounds();
-    let floors_below = |places: Vec<DVec3>| -> Vec<DVec3> {
+    let floors_below = |places: Vec<DVec3>| -> Vec<Floor> {
         places
-            .into_iter()
+            .into_par_iter()
             .filter_map(|place| find_floor(tracer, place))
+            .map(|place| Floor::new(tracer, place))
             .collect()
     };
     let anywhere = floors_below((0..TRIES).map(|i| seeded_place(i, low, high)).collect());
     let near_detail = (0..TRIES).map(|i| place_near_detail(tracer, i, low, high));
     let near_detail = floors_below(near_detail.collect());
-    let is_covered = |floor: &&DVec3| {
-        let ceiling = cast(tracer, **floor + DVec3::Y * 0.4, Vec3::Y);
-        ceiling.is_some_and(|hit| tracer.scene().geometric_normal(hit.primitive).y.abs() > 0.7)
-    };
-    let is_in_room = |floor: &&DVec3| {
-        let eye = **floor + DVec3::Y * EYE_HEIGHT_M;
-        is_covered(floor) && look_around(tracer, eye).enclosed >= ROOM_ENCLOSED
-    };
     // Rooms come before the roof above them, which is emptier and often larger, and before the
     // ground around them.
-    let is_share = |count: usize, floors: &[DVec3], share: f64| {
-        count > 0 && count as f64 >= share * floors.len() as f64
+    let is_share = |floors: &[Floor], is_room: fn(&Floor) -> bool, share: f64| {
+        let open = floors.iter().filter(|floor| floor.is_open);
+        let rooms = open.clone().filter(|floor| is_room(floor)).count();
+        rooms > 0 && rooms as f64 >= share * open.count() as f64
     };
-    let has_rooms = is_share(
-        anywhere.iter().filter(is_covered).count(),
-        &anywhere,
-        MIN_COVERED,
-    ) || is_share(
-        near_detail.iter().filter(is_in_room).count(),
-        &near_detail,
-        MIN_ROOMS_NEAR_DETAIL,
-    );
-    let floors: Vec<DVec3> = anywhere
-        .iter()
-        .chain(&near_detail)
-        .filter(|floor| !has_rooms || is_covered(floor))
-        .copied()
+    let has_rooms = is_share(&anywhere, |floor| floor.is_covered, MIN_COVERED)
+        || is_share(
+            &near_detail,
+            |floor| floor.is_covered && floor.is_enclosed,
+            MIN_ROOMS_NEAR_DETAIL,
+        );
+    let floors: Vec<Floor> = anywhere
+        .into_iter()
+        .chain(near_detail)
+        .filter(|floor| !has_rooms || floor.is_covered)
         .collect();
+    // Floors inside solids take part: the roofs of these are another storey.
     let storey = busiest_storey(&floors)?;
     let on_storey = floors
         .into_iter()
-        .filter(|floor| (floor.y - storey).abs() <= STOREY_M);
+        .filter(|floor| floor.is_open && (floor.place.y - storey).abs() <= STOREY_M);
     find_best(
         tracer,
-        on_storey.map(|floor| floor + DVec3::Y * EYE_HEIGHT_M),
+        on_storey.map(|floor| floor.place + DVec3::Y * EYE_HEIGHT_M),
         standing_score,
     )
 }
@@ -328,16 +346,15 @@ fn is_level_around(tracer: &Tracer, floor: DVec3) -> bool {
 
 /// Returns the floor height with the most positions within half a storey's tolerance; the lowest of
 /// equals.
-fn busiest_storey(floors: &[DVec3]) -> Option<f64> {
-    let neighbours = |floor: &DVec3| {
-        floors
-            .iter()
-            .filter(|other| (other.y - floor.y).abs() <= STOREY_M / 2.0)
+fn busiest_storey(floors: &[Floor]) -> Option<f64> {
+    let heights = || floors.iter().map(|floor| floor.place.y);
+    let neighbours = |y: f64| {
+        heights()
+            .filter(|other| (other - y).abs() <= STOREY_M / 2.0)
             .count()
     };
-    floors
-        .iter()
-        .map(|floor| (neighbours(floor), -floor.y))
+    heights()
+        .map(|y| (neighbours(y), -y))
         .max_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)))
         .map(|(_, y)| -y)
 }

@@ -38,6 +38,19 @@ fn push_box(scene: &mut Scene, low: DVec3, high: DVec3, material: u32) {
     }
 }
 
+/// Appends a box whose triangles face outward.
+fn push_facing_outward(scene: &mut Scene, low: DVec3, high: DVec3) {
+    let first = scene.triangles.len();
+    push_box(scene, low, high, 0);
+    let middle = (low + high) / 2.0;
+    for triangle in first..scene.triangles.len() {
+        let [a, b, c] = scene.corners(triangle as u32);
+        if (b - a).cross(c - a).dot(a - middle) < 0.0 {
+            scene.triangles[triangle].vertices.swap(1, 2);
+        }
+    }
+}
+
 /// Returns a church: a nave 30 m high, 12 m wide and 40 m long, with pews along it and a shelf full
 /// of objects at its far end (+X).
 fn church() -> Tracer {
@@ -265,6 +278,47 @@ fn room_is_preferred_to_its_roof_and_lawn() {
     }
 }
 
+/// Two rows of closed blocks that stand wall to wall, 12 m apart, with windows in the planes of
+/// their walls, on a ground that continues below them: a street that is modelled from outside.
+fn street(has_bottoms: bool) -> Tracer {
+    let mut scene = Scene {
+        materials: vec![Material::default()],
+        ..Scene::default()
+    };
+    push_facing_outward(
+        &mut scene,
+        dvec3(-40.0, -1.0, -60.0),
+        dvec3(40.0, 0.0, 60.0),
+    );
+    for side in [-1.0, 1.0] {
+        for i in 0..10 {
+            let (start, end) = (f64::from(i) * 10.0 - 50.0, f64::from(i) * 10.0 - 40.0);
+            let (low, high) = ((side * 13.0 - 7.0), (side * 13.0 + 7.0));
+            let height = 10.0 + f64::from(i % 3);
+            let low = dvec3(low, if has_bottoms { 0.0 } else { -0.5 }, start);
+            push_facing_outward(&mut scene, low, dvec3(high, height, end));
+        }
+        push_box(
+            &mut scene,
+            dvec3(side * 5.0, 0.0, -3.0),
+            dvec3(side * 4.8, 3.0, -2.8),
+            0,
+        );
+    }
+    Tracer::new(Arc::new(scene), DVec3::ZERO)
+}
+
+#[test]
+fn street_is_preferred_to_the_inside_of_its_blocks() {
+    for has_bottoms in [true, false] {
+        let eye = suggest_headbox(&street(has_bottoms)).centre;
+        assert!(
+            eye.x.abs() < 6.0 && eye.y < 4.0,
+            "bottoms {has_bottoms}: {eye}"
+        );
+    }
+}
+
 /// Returns a house of one room, 6 m by 4 m and 3 m high, with walls of 0.4 m whose surfaces face
 /// outward.
 fn house_with_walls() -> Tracer {
@@ -281,15 +335,7 @@ fn house_with_walls() -> Tracer {
         (dvec3(0.0, 0.0, 4.0), dvec3(6.0, 3.0, 4.4)),
     ];
     for (low, high) in walls {
-        let first = scene.triangles.len();
-        push_box(&mut scene, low, high, 0);
-        let middle = (low + high) / 2.0;
-        for triangle in first..scene.triangles.len() {
-            let [a, b, c] = scene.corners(triangle as u32);
-            if (b - a).cross(c - a).dot(a - middle) < 0.0 {
-                scene.triangles[triangle].vertices.swap(1, 2);
-            }
-        }
+        push_facing_outward(&mut scene, low, high);
     }
     Tracer::new(Arc::new(scene), dvec3(3.0, 1.6, 2.0))
 }
