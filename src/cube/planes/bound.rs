@@ -1,6 +1,7 @@
 //! Error bound: the maximum error of inverse depth that displaces a surface by at most a given
 //! number of frame pixels for any eye in the headbox. `docs/primitives.md` derives it.
 
+use crate::model::depth_bins::DepthBins;
 use glam::DVec3;
 
 /// Size of a face pixel on the face's axis in pixels of the reference frame on its axis: 1024x768
@@ -29,6 +30,11 @@ impl Bound {
             sine: error_px / (Self::focal_px(face_size_px) * OBLIQUENESS),
             half_size_m,
         }
+    }
+
+    /// Returns the width of a depth bin of a face, 1/m.
+    pub(super) fn bin(&self, face_size_px: u32) -> f64 {
+        DepthBins::new(self.half_size_m, face_size_px).inverse_depth(1.0)
     }
 
     /// Returns the focal length of the reference frame, px.

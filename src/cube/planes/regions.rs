@@ -41,6 +41,8 @@ pub(super) struct Grower<'a> {
     pub(super) face: &'a LayeredDepthImage,
     /// Tolerance of each sample's inverse depth, 1/m.
     pub(super) tolerance: Vec<f32>,
+    /// Width of a depth bin, 1/m.
+    pub(super) bin: f64,
     /// Region of each sample, or [`NO_REGION`].
     pub(super) owner: Vec<u32>,
     pub(super) regions: Vec<Region>,
@@ -74,6 +76,7 @@ impl<'a> Grower<'a> {
         Self {
             face,
             tolerance,
+            bin: bound.bin(size),
             owner: vec![NO_REGION; face.samples.len()],
             regions: Vec::new(),
             visited: vec![0; (size * size) as usize],

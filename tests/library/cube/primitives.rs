@@ -203,23 +203,80 @@ fn plane_textures_stay_within_bound() {
     }
 }
 
-/// A wall is drawn by few textures, a surface full of holes by smaller ones, which are no more
-/// expensive than its samples.
-/// A pixel without a sample is a gap in a wall, but among leaves or the wires of a fence, where all
-/// rays have passed.
-#[test]
-fn only_gaps_of_opaque_surfaces_are_filled() {
-    let wall = Scene {
+/// A wall on the face -Z, at a depth of 9.
+fn wall() -> Scene {
+    Scene {
         shapes: vec![Shape::Disk {
             centre: dvec3(0.0, 0.0, -9.0),
             normal: DVec3::Z,
             radius: 7.0,
         }],
         detail: 6.0,
-    };
+    }
+}
+
+/// Pixels of the face -Z, with the inverse depths of the textures' planes there, and their texels.
+fn texels(set: &PlaneSet) -> Vec<([u32; 2], f64, [u8; 4])> {
+    let face = Face::NegZ;
+    let on_face = |tile: &&PlaneTile| tile.face == face.index() as u16;
+    let mut found = Vec::new();
+    for tile in set.tiles.iter().filter(on_face) {
+        let [q, along_x, along_y] = set.planes[tile.plane as usize].inverse_depth(face, FACE_PX);
+        let width = i32::from(tile.width);
+        for (i, texel) in (0..).zip(&set.texels[tile.texel_range()]) {
+            let x = i32::from(tile.x0) + i % width;
+            let y = i32::from(tile.y0) + i / width;
+            let [across, down] = [x, y].map(|c| f64::from(c) + 0.5);
+            let inverse_depth = q + along_x * across + along_y * down;
+            found.push(([x as u32, y as u32], inverse_depth, *texel));
+        }
+    }
+    found
+}
+
+/// Behind something far in front of it, a wall continues by a texel; not behind something close to
+/// it, whose colours frames average with those of the wall.
+#[test]
+fn wall_continues_behind_distant_occluders() {
+    let middle = FACE_PX / 2;
+    let occluder = middle - 6..middle + 6;
+    for (inverse_depth, expected) in [(0.3, 255), (0.122, 0)] {
+        let mut ldi = quick(&wall(), FACE_PX);
+        let face = &mut ldi.faces[Face::NegZ.index()];
+        for (y, x) in occluder
+            .clone()
+            .flat_map(|y| occluder.clone().map(move |x| (y, x)))
+        {
+            let pixel = (y * FACE_PX + x) as usize;
+            let [start, end] = [pixel, pixel + 1].map(|i| face.offsets[i] as usize);
+            for sample in &mut face.samples[start..end] {
+                // In no plane of its own.
+                sample.inverse_depth = inverse_depth * if (x + y) % 2 == 0 { 1.0 } else { 1.01 };
+            }
+        }
+        let set = choose(&mut ldi, DEFAULT_ERROR_PX);
+        let mut count = 0;
+        for ([x, y], plane, texel) in texels(&set) {
+            let is_wall = (plane * 9.0 - 1.0).abs() < 1e-3;
+            if is_wall && occluder.contains(&x) && occluder.contains(&y) {
+                let rim = [occluder.start, occluder.end - 1];
+                let is_rim = rim.contains(&x) || rim.contains(&y);
+                let alpha = if is_rim { expected } else { 0 };
+                assert_eq!(texel[3], alpha, "pixel {x}, {y} behind {inverse_depth}");
+                count += 1;
+            }
+        }
+        assert!(count >= 144, "{count} texels behind {inverse_depth}");
+    }
+}
+
+/// A pixel without a sample is a gap in a wall, but among leaves or the wires of a fence, where all
+/// rays have passed.
+#[test]
+fn only_gaps_of_opaque_surfaces_are_filled() {
     let is_empty = |x: u32, y: u32| x % 4 == 1 && y % 4 == 1;
     for (alpha, expected) in [(255, 255), (64, 0)] {
-        let mut ldi = quick(&wall, FACE_PX);
+        let mut ldi = quick(&wall(), FACE_PX);
         let face = &mut ldi.faces[Face::NegZ.index()];
         let mut kept = LayeredDepthImage {
             samples: Vec::new(),
@@ -238,25 +295,18 @@ fn only_gaps_of_opaque_surfaces_are_filled() {
         let set = choose(&mut ldi, DEFAULT_ERROR_PX);
         let middle = FACE_PX / 2 - 24..FACE_PX / 2 + 24;
         let mut count = 0;
-        for tile in set
-            .tiles
-            .iter()
-            .filter(|tile| tile.face == Face::NegZ.index() as u16)
-        {
-            let width = i32::from(tile.width);
-            for (i, texel) in (0..).zip(&set.texels[tile.texel_range()]) {
-                let x = (i32::from(tile.x0) + i % width) as u32;
-                let y = (i32::from(tile.y0) + i / width) as u32;
-                if middle.contains(&x) && middle.contains(&y) && is_empty(x, y) {
-                    assert_eq!(texel[3], expected, "pixel {x}, {y} among alphas of {alpha}");
-                    count += 1;
-                }
+        for ([x, y], _, texel) in texels(&set) {
+            if middle.contains(&x) && middle.contains(&y) && is_empty(x, y) {
+                assert_eq!(texel[3], expected, "pixel {x}, {y} among alphas of {alpha}");
+                count += 1;
             }
         }
         assert!(count >= 144, "{count} empty pixels in textures");
     }
 }
 
+/// A wall is drawn by few textures, a surface full of holes by smaller ones, which are no more
+/// expensive than its samples.
 #[test]
 fn texture_size_follows_cost() {
     for (scene, has_large) in [(room(6.0), true), (leaves(6.0), false)] {
