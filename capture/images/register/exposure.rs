@@ -4,10 +4,10 @@
 //! A power law turns a factor of light into a factor of levels, whatever its exponent. So the
 //! logarithms of the views' gains differ by the median logarithm of the ratio of the levels at
 //! common points. Stray light from lamps and windows in the picture raises all levels, so that two
-//! views are related by a line: its slope is the ratio of the spreads of their levels, which favours
-//! neither of the two, as regression would. Lines are taken if they explain the levels clearly
-//! better. Differences are solved by least squares over all pairs, with a mean of 0 and a weak prior
-//! for views without pairs.
+//! views are related by a line. Its slope is the ratio of the deviations of their levels: a
+//! regression of one on the other would be too flat. Lines are taken if they explain the levels
+//! clearly better. Differences are solved by least squares over all pairs, with a mean of 0 and a
+//! weak prior for views without pairs.
 
 use super::Exposure;
 use super::calibration::Calibration;
@@ -51,7 +51,8 @@ struct Line {
     offset: f64,
 }
 
-/// Differences between views: for each the others, with the values by which it exceeds theirs.
+/// For each view, the other views with which it has points in common, and the differences of its
+/// values from theirs.
 struct Differences(Vec<Vec<(usize, [f64; 3])>>);
 
 /// Returns the exposures of all views.
@@ -108,8 +109,8 @@ fn solve_offsets(
     lines: &[[Line; 3]],
     gains: &[[f32; 3]],
 ) -> Vec<Exposure> {
-    // A point of level x in the set has a = g_a x + o_a in one view and b = g_b x + o_b in the other,
-    // so that o_a / g_a - o_b / g_b = a / g_a - b / g_b. The mean point is used.
+    // A point of level x in the set has a = g_a x + o_a in one view and b = g_b x + o_b in the
+    // other, so that o_a / g_a - o_b / g_b = a / g_a - b / g_b. The mean point is used.
     let mut differences = Differences(vec![Vec::new(); gains.len()]);
     for (common, lines) in common.iter().zip(lines) {
         let [a, b] = common.views;

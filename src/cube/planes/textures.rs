@@ -316,10 +316,10 @@ impl TexturePainter<'_, '_> {
     /// pixels `around` it.
     ///
     /// In a gap of an opaque region the texel is opaque, and outside the face it has the mean alpha.
-    /// It is opaque, too, where surfaces occlude the region that frames never blend with it: they
-    /// hide it, and no crack opens beside them for other eyes. At the region's border, and behind
-    /// something close to it, it is transparent, so that the bilinear alpha falls like the weight of
-    /// a tent, and adjacent surfaces are accumulated as with samples. It is transparent in a gap
+    /// It is opaque, too, behind occluders that frames never blend with the region: they hide it,
+    /// and no crack opens beside them for other eyes. At the region's border, and behind occluders
+    /// close to it, it is transparent, so that the bilinear alpha falls like the weight of a tent,
+    /// and adjacent surfaces are accumulated as with samples. It is transparent in a gap
     /// among partly covered pixels: of leaves or a fence, where all rays have passed.
     fn extrapolate(&self, x: i32, y: i32, around: &[Option<[u8; 4]>]) -> [u8; 4] {
         let (mut sum, mut count, mut is_opaque) = ([0u32; 4], 0, true);

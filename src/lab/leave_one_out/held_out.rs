@@ -125,8 +125,8 @@ pub(super) struct HeldOutFrame {
 }
 
 impl HeldOutFrame {
-    /// Prepares a frame for comparison: gives it the exposure of the photograph and sets pixels that
-    /// are not covered to `hole`, if given.
+    /// Prepares a frame for comparison: gives it the exposure of the photograph, and sets pixels
+    /// that are not covered to `hole`, if given.
     pub(super) fn new(
         frame: &Frame,
         exposure: Exposure,
