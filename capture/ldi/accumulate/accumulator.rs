@@ -4,7 +4,9 @@
 //! result does not depend on the order in which rays arrive, on threads, or on how a capture is cut
 //! into shards.
 
+use glam::Vec3;
 use headbox_core::cube_face::Face;
+use headbox_trace::bvh::Tracer;
 use headbox_trace::sampler::RayKey;
 
 /// The hit of one ray on a face.
@@ -41,6 +43,15 @@ pub(crate) fn to_unorm16(value: f32) -> u16 {
     (value * 65_535.0 + 0.5) as u16
 }
 
+/// Number of bits of an [`Accumulator::class`] for the direction of the normal.
+const DIRECTION_BITS: u32 = 7;
+
+/// The part of a class that all samples of a surface share, whatever small errors their normals
+/// have: material and side.
+pub(crate) fn material_and_side(class: u16) -> u16 {
+    class >> DIRECTION_BITS
+}
+
 /// All samples of one class in one depth bin of one pixel.
 #[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C, align(64))]
@@ -64,7 +75,7 @@ pub struct Accumulator {
     pub link: u32,
     /// Depth bin.
     pub bin: u16,
-    /// Kind of surface: material, side (front or back) and octant of the normal. Samples of
+    /// Kind of surface: material, side (front or back) and direction of the normal. Samples of
     /// different classes are lit separately, so that a depth pixel never takes light from another
     /// surface, even where their colours are averaged.
     pub class: u16,
@@ -113,17 +124,30 @@ impl Accumulator {
         }
     }
 
-    /// The class of a surface: 12 bits of material, the side, and the octant of its normal.
-    pub fn class(material: u32, back: bool, normal: glam::Vec3) -> u16 {
-        let octant = u32::from(normal.x < 0.0)
-            | u32::from(normal.y < 0.0) << 1
-            | u32::from(normal.z < 0.0) << 2;
-        (material << 4 | u32::from(back) << 3 | octant) as u16
+    /// The class of a surface: 8 bits of material, the side, and the direction of its normal, each
+    /// component in halves. So the sides of a box and its bevels are of different classes, while
+    /// upright walls whose normals have small errors are not.
+    pub fn class(material: u32, back: bool, normal: Vec3) -> u16 {
+        let halves = |c: f32| (2.0 * c + 2.5) as u32;
+        let direction = halves(normal.x) + 5 * halves(normal.y) + 25 * halves(normal.z);
+        (material << (DIRECTION_BITS + 1) | u32::from(back) << DIRECTION_BITS | direction) as u16
+    }
+
+    /// The class of the surface that a ray hits, and the dot product of the ray's direction and the
+    /// triangle's normal.
+    #[inline]
+    pub fn class_of_hit(tracer: &Tracer, direction: Vec3, primitive: u32) -> (u16, f32) {
+        let normal = tracer.geometric_normal(primitive);
+        let cos = normal.dot(direction);
+        let is_back = cos > 0.0;
+        let material = tracer.scene().triangles[primitive as usize].material;
+        let class = Self::class(material, is_back, if is_back { -normal } else { normal });
+        (class, cos)
     }
 
     /// Returns true if the representative was hit from the back of its triangle.
     pub fn is_back(&self) -> bool {
-        self.class & 8 != 0
+        self.class >> DIRECTION_BITS & 1 != 0
     }
 
     /// Sort key of runs: pixel (in `link`), bin, class.
@@ -176,15 +200,30 @@ mod tests {
     }
 
     #[test]
-    fn class_holds_material_side_and_octant() {
+    fn class_holds_material_side_and_direction() {
         use glam::vec3;
-        assert_eq!(
-            Accumulator::class(5, true, vec3(-0.1, 0.5, -0.2)),
-            5 << 4 | 8 | 0b101
-        );
-        assert_eq!(
-            Accumulator::class(3, false, vec3(0.0, -1.0, 0.0)),
-            3 << 4 | 0b010
+        let class = |normal: Vec3| Accumulator::class(5, true, normal.normalize());
+        // Upright, with small errors.
+        let wall = class(vec3(0.0, 0.0, 1.0));
+        assert_eq!(wall, 5 << 8 | 128 | (4 * 25 + 2 * 5 + 2));
+        assert_eq!(class(vec3(-0.01, 1e-6, 1.0)), wall);
+        // The other sides of a box, bevels and a corner.
+        let others = [
+            vec3(1.0, 0.0, 0.0),
+            vec3(0.0, 1.0, 0.0),
+            vec3(0.0, 0.0, -1.0),
+            vec3(0.0, 1.0, 1.0),
+            vec3(1.0, 0.0, 1.0),
+            vec3(1.0, 1.0, 1.0),
+        ];
+        for (i, &other) in others.iter().enumerate() {
+            assert!(class(other) != wall, "{other}");
+            assert!(others[..i].iter().all(|&it| class(it) != class(other)));
+            assert_eq!(material_and_side(class(other)), material_and_side(wall));
+        }
+        assert_ne!(
+            material_and_side(wall),
+            material_and_side(Accumulator::class(5, false, vec3(0.0, 0.0, 1.0)))
         );
         let is_back = |back: bool| {
             let class = Accumulator::class(7, back, vec3(1.0, 1.0, 1.0));

@@ -230,17 +230,14 @@ impl<'a> HitRouter<'a> {
             |c: f32| ((half * (1.0 + c * inverse_depth)) as u32).min(self.size_px - 1) as u16;
         let (bin, offset) = self.bins.place(inverse_depth);
         let scene = self.tracer.scene();
-        let normal = self.tracer.geometric_normal(hit.primitive);
-        let cos = normal.dot(ray.direction);
-        let normal = if cos > 0.0 { -normal } else { normal };
-        let material = scene.triangles[hit.primitive as usize].material;
+        let (class, cos) = Accumulator::class_of_hit(self.tracer, ray.direction, hit.primitive);
         Sample {
             face,
             x: pixel(right),
             y: pixel(-up),
             bin,
             offset,
-            class: Accumulator::class(material, cos > 0.0, normal),
+            class,
             albedo: scene
                 .paint(hit.primitive)
                 .albedo(hit.u, hit.v)

@@ -3,9 +3,8 @@
 //!
 //! Light from the sky, from lamps and from bounces varies slowly over a surface but is noisy per
 //! sample. So it is stored separately from albedo, and each surface sample takes the mean over a
-//! window of its surface: over surface samples of the same class
-//! ([`Accumulator::class`](crate::accumulate::accumulator::Accumulator::class): material, side,
-//! octant) in the same plane, in any layer and on any face. The width of the window is chosen for
+//! window of its surface: over surface samples of the same material and side in the same plane, in
+//! any layer and on any face. The width of the window is chosen for
 //! each surface sample, from narrow to wide:
 //!
 //! * The wider window's mean counts to the extent that it agrees with the narrower one's within the

@@ -1,16 +1,17 @@
 //! Identity of surfaces: determines if surface samples lie on one surface.
 
+use crate::accumulate::accumulator::material_and_side;
 use crate::light::shade::SurfaceSample;
 use glam::Vec3;
 use headbox_core::cube_face::Face;
 
-/// Identity of a surface: its plane and class, the same on all faces.
+/// Identity of a surface: its plane, material and side, the same on all faces.
 #[derive(Clone, Copy, PartialEq)]
 pub(super) struct SurfaceKey {
-    normal: Vec3,
+    pub(super) normal: Vec3,
     distance: f32,
     /// See [`crate::accumulate::accumulator::Accumulator::class`].
-    pub(super) class: u32,
+    pub(super) class: u16,
 }
 
 /// Maximum width of a pixel on a surface, metres; larger than any scene.
@@ -21,14 +22,14 @@ impl SurfaceKey {
     pub(super) const NONE: Self = Self {
         normal: Vec3::ZERO,
         distance: 0.0,
-        class: u32::MAX,
+        class: u16::MAX,
     };
 
     pub(super) fn new(sample: &SurfaceSample) -> Self {
         Self {
             normal: sample.plane_normal,
             distance: sample.plane_distance,
-            class: u32::from(sample.class),
+            class: sample.class,
         }
     }
 
@@ -37,7 +38,7 @@ impl SurfaceKey {
     pub(super) fn is_same(&self, other: &Self) -> bool {
         const MIN_COS: f32 = 0.9976;
         let separation = (self.distance - other.distance).abs();
-        self.class == other.class
+        material_and_side(self.class) == material_and_side(other.class)
             && separation <= 1e-3 * self.distance.abs().max(other.distance.abs())
             && self.normal.dot(other.normal) >= MIN_COS
     }
@@ -53,7 +54,7 @@ impl SurfaceKey {
     }
 }
 
-/// Returns true if two samples lie on one plane of one class: normals within 4 degrees, planes no
+/// Returns true if two samples lie on one side of one plane of one material: normals within 4 degrees, planes no
 /// farther apart than a thousandth of their distance from the centre.
 pub(crate) fn same_surface(a: &SurfaceSample, b: &SurfaceSample) -> bool {
     SurfaceKey::new(a).is_same(&SurfaceKey::new(b))

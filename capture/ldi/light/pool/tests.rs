@@ -1,16 +1,17 @@
 //! Pooling of surface samples with known light.
 
 use super::*;
+use crate::accumulate::accumulator::Accumulator;
 use crate::light::shade::SurfaceSample;
 use headbox_trace::sampler::{random4, unit_float};
 
 const SIZE: u32 = 64;
 
-pub(super) fn sample_on_plane(class: u16, plane_distance: f32) -> SurfaceSample {
+pub(super) fn sample_on_plane(material: u32, plane_distance: f32) -> SurfaceSample {
     SurfaceSample {
         count: 1,
         area: 1.0,
-        class,
+        class: Accumulator::class(material, false, Vec3::Z),
         plane_normal: Vec3::Z,
         plane_distance,
         ..bytemuck::Zeroable::zeroed()
@@ -64,7 +65,7 @@ fn pool_wall(noise: f32, light: impl Fn(u32) -> f32, nearness: impl Fn(u32) -> f
 
 #[test]
 fn light_is_shared_on_a_surface_only() {
-    // In each pixel two samples of a wall whose light alternates, one of a class of its own, and a
+    // In each pixel two samples of a wall whose light alternates, one of a material of its own, and a
     // step in front of the wall.
     let pixel_samples = |p: u32| {
         let step = (
@@ -75,7 +76,7 @@ fn light_is_shared_on_a_surface_only() {
         [
             wall((p ^ (p / SIZE)) % 2),
             wall((p ^ (p / SIZE)) % 2),
-            (sample_on_plane(2 + p as u16, 5.0), light_sample(7.0, 0.0)),
+            (sample_on_plane(2 + p % 250, 5.0), light_sample(7.0, 0.0)),
             step,
         ]
     };
