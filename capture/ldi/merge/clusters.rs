@@ -5,6 +5,7 @@
 //! chain.
 
 use super::coverage::BinSpan;
+use super::shares::ShareMeasure;
 use crate::light::shade::SurfaceSample;
 use glam::Vec3;
 use headbox_core::color::tone::ToneMap;
@@ -16,39 +17,80 @@ use headbox_cube::model::samples::{DepthPixel, EncodedNormal};
 /// [`MergeRule::ColorsApart`].
 pub(crate) const SAME_COLOR_LEVELS: u8 = 16;
 
-/// Merges the surface samples of a pixel (sorted by bin and class) into depth pixels. They are
-/// appended to `out`, farthest first, each with the bins of its cluster. Their alpha is measured
-/// later ([`super::coverage`]).
-pub(crate) fn merge_pixel(
-    pixel: &[SurfaceSample],
-    rule: MergeRule,
-    tone: ToneMap,
-    bins: &DepthBins,
-    out: &mut Vec<(DepthPixel, BinSpan)>,
-) {
-    let first = out.len();
-    for cluster in (Clusters { rest: pixel }) {
-        let span = [cluster[0].bin, cluster[cluster.len() - 1].bin];
-        match rule {
-            MergeRule::Average => out.push((average(cluster, tone, bins), span)),
-            MergeRule::SmallerArea => {
-                let best = cluster
-                    .iter()
-                    .min_by(|a, b| a.area.total_cmp(&b.area).then(a.key.cmp(&b.key)));
-                out.extend(
-                    best.map(|best| (average(std::slice::from_ref(best), tone, bins), span)),
-                );
-            }
-            MergeRule::ColorsApart => {
-                out.extend(
-                    split_by_color(cluster, tone, bins)
-                        .into_iter()
-                        .map(|depth_pixel| (depth_pixel, span)),
-                );
+/// Merging of the surface samples of a pixel into depth pixels.
+pub(crate) struct PixelMerger<'a> {
+    pub(crate) rule: MergeRule,
+    pub(crate) tone: ToneMap,
+    pub(crate) bins: &'a DepthBins,
+    /// Measures how much of a pixel each surface covers; without it, the number of rays tells.
+    pub(crate) shares: Option<&'a ShareMeasure<'a>>,
+}
+
+impl PixelMerger<'_> {
+    /// Merges the surface samples of a pixel (sorted by bin and class) into depth pixels. They are
+    /// appended to `out`, farthest first, each with the bins of its cluster. Their alpha is
+    /// measured later ([`super::coverage`]).
+    pub(crate) fn merge(
+        &self,
+        pixel: [u32; 2],
+        samples: &[SurfaceSample],
+        out: &mut Vec<(DepthPixel, BinSpan)>,
+    ) {
+        let first = out.len();
+        for cluster in (Clusters { rest: samples }) {
+            let span = [cluster[0].bin, cluster[cluster.len() - 1].bin];
+            match self.rule {
+                MergeRule::Average => out.push((self.average(pixel, cluster), span)),
+                MergeRule::SmallerArea => {
+                    let best = cluster
+                        .iter()
+                        .min_by(|a, b| a.area.total_cmp(&b.area).then(a.key.cmp(&b.key)));
+                    out.extend(best.map(|best| (self.single(best), span)));
+                }
+                MergeRule::ColorsApart => {
+                    let split = self.split_by_color(cluster);
+                    out.extend(split.into_iter().map(|depth_pixel| (depth_pixel, span)));
+                }
             }
         }
+        out[first..].sort_by(|(a, _), (b, _)| a.inverse_depth.total_cmp(&b.inverse_depth));
     }
-    out[first..].sort_by(|(a, _), (b, _)| a.inverse_depth.total_cmp(&b.inverse_depth));
+
+    /// The mean of a cluster.
+    fn average(&self, pixel: [u32; 2], cluster: &[SurfaceSample]) -> DepthPixel {
+        if let [sample] = cluster {
+            return self.single(sample);
+        }
+        let measured = self
+            .shares
+            .and_then(|shares| shares.ray_counts(pixel, cluster, self.tone));
+        let counts = measured.unwrap_or_else(|| cluster.iter().map(|it| it.count).collect());
+        mean(cluster, &counts, self.tone, self.bins)
+    }
+
+    /// A depth pixel of one sample.
+    fn single(&self, sample: &SurfaceSample) -> DepthPixel {
+        mean(std::slice::from_ref(sample), &[1], self.tone, self.bins)
+    }
+
+    /// Builds a depth pixel for each colour of a cluster, from the first ray of that colour.
+    fn split_by_color(&self, cluster: &[SurfaceSample]) -> Vec<DepthPixel> {
+        let mut out: Vec<DepthPixel> = Vec::new();
+        let mut in_key_order: Vec<&SurfaceSample> = cluster.iter().collect();
+        in_key_order.sort_unstable_by_key(|sample| sample.key);
+        for sample in in_key_order {
+            let candidate = self.single(sample);
+            let is_same = |other: &DepthPixel| {
+                (0..3).all(|c| {
+                    other.color_srgb[c].abs_diff(candidate.color_srgb[c]) < SAME_COLOR_LEVELS
+                })
+            };
+            if !out.iter().any(is_same) {
+                out.push(candidate);
+            }
+        }
+        out
+    }
 }
 
 /// Iterator over the clusters of a pixel, farthest first.
@@ -80,53 +122,39 @@ impl<'a> Iterator for Clusters<'a> {
 
 /// Mean position in bins over all rays.
 fn mean_position(cluster: &[SurfaceSample]) -> f64 {
-    let rays: u64 = cluster.iter().map(|sample| u64::from(sample.count)).sum();
-    let sum: f64 = cluster
-        .iter()
-        .map(|sample| f64::from(sample.position) * f64::from(sample.count))
-        .sum();
+    weighted_position(cluster.iter().map(|sample| (sample, sample.count)))
+}
+
+/// Mean position in bins of samples with their numbers of rays.
+fn weighted_position<'a>(samples: impl Iterator<Item = (&'a SurfaceSample, u32)>) -> f64 {
+    let mut rays = 0u64;
+    let mut sum = 0.0;
+    for (sample, count) in samples {
+        rays += u64::from(count);
+        sum += f64::from(sample.position) * f64::from(count);
+    }
     sum / rays as f64
 }
 
-/// A depth pixel with the mean depth and colour, and the plane normal of the sample with most rays.
-/// The plane's normal determines how far apart neighbours lie in a frame; a shading normal of a
-/// file may lean by 45 degrees, at the corners of a box.
-fn average(cluster: &[SurfaceSample], tone: ToneMap, bins: &DepthBins) -> DepthPixel {
-    let rays: u64 = cluster.iter().map(|sample| u64::from(sample.count)).sum();
-    let color: Vec3 = cluster
-        .iter()
-        .map(|sample| sample.color() * (sample.count as f32 / rays as f32))
+/// A depth pixel with the mean depth and colour of samples with their numbers of rays, and the plane
+/// normal of the sample with most rays. The plane's normal determines how far apart neighbours lie
+/// in a frame; a shading normal of a file may lean by 45 degrees, at the corners of a box.
+fn mean(cluster: &[SurfaceSample], counts: &[u32], tone: ToneMap, bins: &DepthBins) -> DepthPixel {
+    let samples = || cluster.iter().zip(counts.iter().copied());
+    let rays: u64 = counts.iter().copied().map(u64::from).sum();
+    let color: Vec3 = samples()
+        .map(|(sample, count)| sample.color() * (count as f32 / rays as f32))
         .sum();
-    let most_rays = cluster
-        .iter()
-        .min_by_key(|sample| (std::cmp::Reverse(sample.count), sample.key));
-    let normal = most_rays.map_or(Vec3::Z, |sample| sample.plane_normal);
+    let most_rays = samples().min_by_key(|(sample, count)| (std::cmp::Reverse(*count), sample.key));
+    let normal = most_rays.map_or(Vec3::Z, |(sample, _)| sample.plane_normal);
     // Half a step of the offset keeps the inverse depth positive even in the first bin.
-    let position = mean_position(cluster) + 0.5 / 65_536.0;
+    let position = weighted_position(samples()) + 0.5 / 65_536.0;
     let [r, g, b] = tone.levels(color);
     DepthPixel {
         inverse_depth: bins.inverse_depth(position) as f32,
         normal: EncodedNormal::new(normal),
         color_srgb: [r, g, b, 255],
     }
-}
-
-/// Builds a depth pixel for each colour of a cluster, from the first ray of that colour.
-fn split_by_color(cluster: &[SurfaceSample], tone: ToneMap, bins: &DepthBins) -> Vec<DepthPixel> {
-    let mut out: Vec<DepthPixel> = Vec::new();
-    let mut in_key_order: Vec<&SurfaceSample> = cluster.iter().collect();
-    in_key_order.sort_unstable_by_key(|sample| sample.key);
-    for sample in in_key_order {
-        let candidate = average(std::slice::from_ref(sample), tone, bins);
-        let is_same = |other: &DepthPixel| {
-            (0..3)
-                .all(|c| other.color_srgb[c].abs_diff(candidate.color_srgb[c]) < SAME_COLOR_LEVELS)
-        };
-        if !out.iter().any(is_same) {
-            out.push(candidate);
-        }
-    }
-    out
 }
 
 #[cfg(test)]
@@ -190,12 +218,22 @@ mod tests {
         }
     }
 
+    /// Merging by the number of rays.
+    fn merger(rule: MergeRule, bins: &DepthBins) -> PixelMerger<'_> {
+        PixelMerger {
+            rule,
+            tone: ToneMap::default(),
+            bins,
+            shares: None,
+        }
+    }
+
     /// The merged pixel: position in bins and grey of each depth pixel, farthest first, and the
     /// bins of its cluster.
     fn merge(pixel: &[SurfaceSample], rule: MergeRule) -> (Vec<(f64, u8)>, Vec<BinSpan>) {
         let bins = DepthBins::new(0.5, 64);
         let mut out = Vec::new();
-        merge_pixel(pixel, rule, ToneMap::default(), &bins, &mut out);
+        merger(rule, &bins).merge([0, 0], pixel, &mut out);
         let position = |q: f32| f64::from(q) / bins.inverse_depth(1.0);
         let pixels = out
             .iter()
@@ -288,14 +326,15 @@ mod tests {
         pixel[0].plane_normal = Vec3::X;
         pixel[1].plane_normal = Vec3::Y;
         let bins = DepthBins::new(0.5, 64);
-        let tone = ToneMap::default();
-        assert_eq!(
-            average(&pixel, tone, &bins).normal,
-            EncodedNormal::new(Vec3::Y)
-        );
+        let normal = |pixel: &[SurfaceSample]| {
+            merger(MergeRule::Average, &bins)
+                .average([0, 0], pixel)
+                .normal
+        };
+        assert_eq!(normal(&pixel), EncodedNormal::new(Vec3::Y));
         pixel[0].count = 4;
         assert_eq!(
-            average(&pixel, tone, &bins).normal,
+            normal(&pixel),
             EncodedNormal::new(Vec3::X),
             "of equal counts, the first ray's"
         );

@@ -18,11 +18,10 @@
 //! as many rays (docs/decisions/0068). What its rays meet where the capture met nothing counts for
 //! the block's samples (docs/decisions/0071).
 
-use glam::Vec3;
+use super::centre_rays::CentreRays;
 use headbox_cube::model::depth_bins::DepthBins;
 use headbox_cube::model::samples::{DepthPixel, LayeredDepthImage};
-use headbox_trace::bvh::{PACKET, Ray, RayPacket, Tracer};
-use headbox_trace::sampler::{random4, unit_float};
+use headbox_trace::bvh::{PACKET, RayPacket, Tracer};
 use rayon::prelude::*;
 use std::borrow::Cow;
 
@@ -134,12 +133,14 @@ impl AlphaMeasure<'_> {
             .copied()
             .filter(|&[x, y]| !self.face.pixel(x, y).is_empty())
             .collect();
+        let centre_rays = self.centre_rays();
         let mut passed = Vec::new();
         for pixels in filled.chunks(PACKET) {
             let mut rays = RayPacket::EMPTY;
             for (k, &[x, y]) in pixels.iter().enumerate() {
-                let offset = self.shift(x, y, 0xb10c);
-                rays.set(k, &self.ray([x, y], offset, self.range_from_headbox()));
+                let offset = centre_rays.shift([x, y], 0xb10c);
+                let range = self.range_from_headbox();
+                rays.set(k, &centre_rays.ray([x, y], offset, range));
             }
             let hits = self.tracer.closest_packet(&rays);
             let ends = pixels.iter().zip(hits.t);
@@ -190,7 +191,8 @@ impl AlphaMeasure<'_> {
         let mut far = Vec::new();
         for (k, &[x, y]) in pixels.iter().enumerate() {
             for packet in 0..packets {
-                let rays = self.rays(x, y, packet, self.range_from_headbox());
+                let range = self.range_from_headbox();
+                let rays = self.centre_rays().packet([x, y], packet, range);
                 let hits = self.tracer.closest_packet(&rays);
                 for t in hits.t.into_iter().filter(|t| t.is_finite()) {
                     let bin = self.bins.place(1.0 / t).0;
@@ -278,7 +280,7 @@ impl AlphaMeasure<'_> {
     fn filled_share(&self, x: u32, y: u32, packets: usize, span: BinSpan) -> f64 {
         let [t_max, t_min] = self.inverse_depth_range(span).map(|q| (1.0 / q) as f32);
         let count = |i| {
-            let rays = self.rays(x, y, i, [t_min, t_max]);
+            let rays = self.centre_rays().packet([x, y], i, [t_min, t_max]);
             self.tracer.occluded_packet(&rays).count_ones()
         };
         let hits: u32 = (0..packets).map(count).sum();
@@ -308,36 +310,11 @@ impl AlphaMeasure<'_> {
         [self.half_size_m as f32, f32::INFINITY]
     }
 
-    /// Packet number `packet` of the rays from the centre through a pixel.
-    fn rays(&self, x: u32, y: u32, packet: usize, range: [f32; 2]) -> RayPacket {
-        // An additive-recurrence set (R2, Roberts 2018), shifted at random.
-        const STEPS: [f64; 2] = [0.754_877_666_246_693, 0.569_840_290_998_053];
-        let shift = self.shift(x, y, 0xc0);
-        let mut rays = RayPacket::EMPTY;
-        for k in 0..PACKET {
-            let number = (packet * PACKET + k) as f64;
-            let offset = [0, 1].map(|c| (shift[c] + number * STEPS[c]).fract());
-            rays.set(k, &self.ray([x, y], offset, range));
-        }
-        rays
-    }
-
-    /// Random numbers from 0 to 1 for a pixel and a purpose.
-    fn shift(&self, x: u32, y: u32, purpose: u32) -> [f64; 2] {
-        let [a, b, ..] = random4([self.face.face.index() as u32, x, y, purpose]).map(unit_float);
-        [a, b].map(f64::from)
-    }
-
-    /// A ray from the centre through a point of a pixel. Its direction has eye depth 1, so that `t`
-    /// is eye depth.
-    fn ray(&self, [x, y]: [u32; 2], offset: [f64; 2], [t_min, t_max]: [f32; 2]) -> Ray {
-        let face = self.face.face;
-        let [column, row] = [f64::from(x) + offset[0], f64::from(y) + offset[1]];
-        Ray {
-            origin: Vec3::ZERO,
-            direction: face.direction(column, row, self.face.size_px).as_vec3(),
-            t_min,
-            t_max,
+    /// Rays from the centre through the pixels.
+    fn centre_rays(&self) -> CentreRays {
+        CentreRays {
+            face: self.face.face,
+            size_px: self.face.size_px,
         }
     }
 }

@@ -5,7 +5,8 @@ use crate::capture::{SceneCapture, stage};
 use crate::light::pool::GatheredLight;
 use crate::light::sample_light::{FaceLightSamples, ROUNDS, pool_light, sample_light};
 use crate::light::shade::Shader;
-use crate::merge::clusters::merge_pixel;
+use crate::merge::clusters::PixelMerger;
+use crate::merge::shares::ShareMeasure;
 use crate::rays::trace_and_accumulate::{TracedRays, blocked_share};
 use crate::surfaces::surface_samples::FaceSurfaces;
 use crate::surfaces::unlit::UnlitFaces;
@@ -66,8 +67,15 @@ pub(crate) fn light_and_merge(
         };
         check_cancelled(options.progress)?;
         options.progress.advance(rows_per_face);
+        let shares = ShareMeasure::new(capture, face);
+        let merger = PixelMerger {
+            rule,
+            tone: lighting.tone,
+            bins: &bins,
+            shares: Some(&shares),
+        };
         let mut merged = MergedFace::new(face, surfaces.size_px, |x, y, out| {
-            merge_pixel(surfaces.pixel(x, y), rule, lighting.tone, &bins, out);
+            merger.merge([x, y], surfaces.pixel(x, y), out);
         });
         drop(surfaces);
         merged.measure_alphas(tracer, &bins, spec.half_size_m);

@@ -4,7 +4,7 @@
 use super::pixel_set::PixelSet;
 use crate::capture::SceneCapture;
 use crate::light::shade::Shader;
-use crate::merge::clusters::merge_pixel;
+use crate::merge::clusters::PixelMerger;
 use crate::merge::coverage::BinSpan;
 use crate::merge::merged_face::MergedFace;
 use crate::rays::trace_and_accumulate::TracedRays;
@@ -82,7 +82,6 @@ impl GeometryCube {
             options,
         } = *capture;
         let size_px = spec.face_size_px;
-        let rule = spec.parameters.merge_rule;
         let bins = spec.depth_bins();
         let shader = Shader {
             capture: *capture,
@@ -105,9 +104,15 @@ impl GeometryCube {
             ldi: std::mem::replace(face_ldi, LayeredDepthImage::empty(face, 0)),
             spans: std::mem::take(face_spans),
         };
+        let merger = PixelMerger {
+            rule: spec.parameters.merge_rule,
+            tone: lighting.tone,
+            bins: &bins,
+            shares: None,
+        };
         let mut after = MergedFace::new(face, size_px, |x, y, out| {
             if is_in(&merged, x, y) {
-                merge_pixel(surfaces.pixel(x, y), rule, lighting.tone, &bins, out);
+                merger.merge([x, y], surfaces.pixel(x, y), out);
             } else {
                 out.extend(before.pixel(x, y));
             }

@@ -1,19 +1,20 @@
-//! Fills pinholes: gaps of one pixel in a surface, where a ray is aimed at the missing sample.
+//! Fills pinholes: gaps of one pixel in a surface, where rays are aimed at the missing sample.
 //!
 //! Rays are random. The last few depth pixels of a wall are found late, after thousands of rays for
 //! each, and a missing one is a speck through which the background shows (docs/decisions/0017).
 //! Where both neighbours of a pixel lie on one surface and the pixel itself has no sample of it,
-//! one ray from the centre, limited to the depth where the surface must be, decides. Its hit
+//! rays from the centre, limited to the depth where the surface must be, search for it. The first hit
 //! becomes a surface sample like any other.
 
 use super::surface_samples::FaceSurfaces;
 use crate::accumulate::accumulator::{Accumulator, Sample, to_unorm16};
 use crate::light::pool::same_surface;
 use crate::light::shade::{Shader, SurfaceSample};
+use crate::merge::centre_rays::CentreRays;
 use glam::Vec3;
 use headbox_core::cube_face::Face;
 use headbox_cube::model::depth_bins::DepthBins;
-use headbox_trace::bvh::Ray;
+use headbox_trace::bvh::{PACKET, Ray};
 use headbox_trace::sampler::RayKey;
 use rayon::prelude::*;
 
@@ -23,7 +24,7 @@ const REACH: f32 = 2e-3;
 
 /// Repair of one face.
 struct PinholeRepair<'a> {
-    face: Face,
+    rays: CentreRays,
     shader: &'a Shader<'a>,
     bins: DepthBins,
     /// Half of the headbox's edge, metres; nothing inside it is a depth pixel.
@@ -38,7 +39,10 @@ type Insertion = (u32, u32, SurfaceSample);
 pub(crate) fn repair_pinholes(surfaces: &mut FaceSurfaces, face: Face, shader: &Shader) {
     let spec = shader.capture.spec;
     let repair = PinholeRepair {
-        face,
+        rays: CentreRays {
+            face,
+            size_px: surfaces.size_px,
+        },
         shader,
         bins: spec.depth_bins(),
         half_size_m: spec.half_size_m as f32,
@@ -70,7 +74,7 @@ impl PinholeRepair<'_> {
                         && !missing[pixel_start..]
                             .iter()
                             .any(|(.., sample)| is_same(sample))
-                        && let Some(sample) = self.trace_missing(neighbour, x, y)
+                        && let Some(sample) = self.trace_missing(neighbour, [x, y])
                     {
                         let rank = here
                             .partition_point(|p| (p.bin, p.class) < (sample.bin, sample.class))
@@ -85,14 +89,30 @@ impl PinholeRepair<'_> {
         missing
     }
 
-    /// Traces the sample of a neighbour's surface in the middle of pixel (x, y).
-    fn trace_missing(&self, neighbour: &SurfaceSample, x: u32, y: u32) -> Option<SurfaceSample> {
+    /// Traces the sample of a neighbour's surface in the middle of a pixel; or elsewhere in it, if
+    /// another surface is there at its depth: it may be a strip narrower than the pixel.
+    fn trace_missing(&self, neighbour: &SurfaceSample, pixel: [u32; 2]) -> Option<SurfaceSample> {
+        let is_same = |sample: &SurfaceSample| same_surface(neighbour, sample);
+        let middle = self.trace_at(neighbour, pixel, [0.5; 2])?;
+        if is_same(&middle) {
+            return Some(middle);
+        }
+        self.rays
+            .offsets(pixel)
+            .take(PACKET)
+            .filter_map(|offset| self.trace_at(neighbour, pixel, offset))
+            .find(is_same)
+    }
+
+    /// Traces a sample near a neighbour's plane at a position in a pixel.
+    fn trace_at(
+        &self,
+        neighbour: &SurfaceSample,
+        pixel: [u32; 2],
+        offset: [f64; 2],
+    ) -> Option<SurfaceSample> {
         let tracer = self.shader.capture.tracer;
-        let size_px = self.shader.capture.spec.face_size_px;
-        let direction = self
-            .face
-            .direction(f64::from(x) + 0.5, f64::from(y) + 0.5, size_px)
-            .as_vec3();
+        let direction = self.rays.ray(pixel, offset, [0.0; 2]).direction;
         // The direction has eye depth 1, so that `t` is an eye depth. For an edge-on plane it is
         // infinite or NaN.
         let t = neighbour.plane_distance / neighbour.plane_normal.dot(direction);
@@ -108,28 +128,26 @@ impl PinholeRepair<'_> {
         let (bin, offset) = self.bins.place(1.0 / hit.t);
         let scene = tracer.scene();
         let distance = hit.t * direction.length();
-        let cos = neighbour.plane_normal.dot(direction) / direction.length();
+        let (class, cos) = Accumulator::class_of_hit(tracer, direction, hit.primitive);
         let hit_sample = Sample {
-            face: self.face,
-            x: x as u16,
-            y: y as u16,
+            face: self.rays.face,
+            x: pixel[0] as u16,
+            y: pixel[1] as u16,
             bin,
             offset,
-            class: neighbour.class,
+            class,
             albedo: scene
                 .paint(hit.primitive)
                 .albedo(hit.u, hit.v)
                 .map(to_unorm16),
             primitive: hit.primitive,
             barycentric: [hit.u, hit.v].map(to_unorm16),
-            area: distance * distance / cos.abs().max(1e-6),
+            area: distance * distance / (cos.abs() / direction.length()).max(1e-6),
             key: RayKey(u64::MAX),
         };
-        let material = scene.triangles[hit.primitive as usize].material;
         let acc = Accumulator::new(&hit_sample);
-        let sample = self.shader.surface_sample(&acc, self.face, x, y);
-        let class = Accumulator::class(material, acc.is_back(), sample.plane_normal);
-        (class == neighbour.class && same_surface(neighbour, &sample)).then_some(sample)
+        let [x, y] = pixel;
+        Some(self.shader.surface_sample(&acc, self.rays.face, x, y))
     }
 }
 
