@@ -1,11 +1,15 @@
 //! Stage 5: light on surface samples.
 //!
 //! * [`shade`]: surface samples from accumulators, and the points where light is sampled.
+//! * [`sampling_area`]: the area of a pixel over which light is taken.
 //! * [`sample_light`]: takes the light samples of a face.
+//! * [`beyond`]: the light beyond their first rays.
 //! * [`sunlight`]: takes those of the sun.
 //! * [`pool`]: averages soft light over surfaces.
 
+mod beyond;
 pub(crate) mod pool;
 pub(crate) mod sample_light;
+mod sampling_area;
 pub(crate) mod shade;
 mod sunlight;

@@ -7,8 +7,10 @@
 //! Radiance beyond a light sample's first ray is shared by all light samples of a round that arrive
 //! in one cell of space ([`Arrival`]). Sunlight is sampled by [`super::sunlight`].
 
+use super::beyond::{PartialSample, SampledRow};
 use super::pool::{
-    BlockSurvey, BlockWindows, Blocks, ClassStatistics, GatheredLight, PooledLight, Pooling,
+    BlockSurvey, BlockWindows, Blocks, ClassStatistics, GatheredLight, NormalGradients,
+    PooledLight, Pooling,
 };
 use super::shade::{Shader, SurfaceSample};
 use crate::surfaces::distribute::{SampleRange, distribute_samples};
@@ -18,13 +20,9 @@ use glam::Vec3;
 use headbox_core::color::luminance;
 use headbox_core::cube_face::Face;
 use headbox_core::progress::Progress;
-use headbox_trace::light::{Arrival, LightSample, srgb_slope};
+use headbox_trace::light::{Arrival, LightSample, LitPoint, srgb_slope};
 use headbox_trace::sampler::random4;
 use rayon::prelude::*;
-use std::sync::atomic::{AtomicU32, Ordering};
-
-/// Maximum number of samples of the radiance beyond a cell of arrivals.
-const MAX_CELL_SAMPLES: usize = 8;
 
 /// Number of rounds of soft light; each advances the progress by the rows of the face.
 pub(crate) const ROUNDS: u64 = 2;
@@ -49,9 +47,11 @@ const BLOTCH_SAMPLES: f32 = 2.5 / 1024.0;
 
 /// The gathered light samples of a face.
 pub(crate) struct FaceLightSamples {
-    /// The gathered light of each surface sample.
+    /// The gathered light of each surface sample, with smooth shading that at its plane normal.
     pub(crate) gathered: Vec<GatheredLight>,
     blocks: Blocks,
+    /// Gradients, if the scene has smoothly shaded surfaces.
+    gradients: Option<NormalGradients>,
     classes: ClassStatistics,
 }
 
@@ -77,6 +77,7 @@ pub(crate) fn sample_light(
 pub(crate) fn pool_light(
     surfaces: &mut FaceSurfaces,
     face: Face,
+    shader: &Shader,
     samples: &mut [FaceLightSamples],
 ) {
     let gathered = std::mem::take(&mut samples[face.index()].gathered);
@@ -87,9 +88,12 @@ pub(crate) fn pool_light(
     for light in samples.iter() {
         classes.absorb(&light.classes);
     }
-    let pooled = Pooling::new(surfaces, face).pool(gathered, &windows, &classes.variances());
-    for (sample, pooled) in surfaces.samples.iter_mut().zip(pooled) {
-        sample.soft = pooled.light;
+    let pooling = Pooling::new(surfaces, face);
+    let gradients = samples[face.index()].gradients.as_ref();
+    let factors = gradients.map(|it| it.factors(&pooling, face, shader));
+    let pooled = pooling.pool(gathered, &windows, &classes.variances());
+    for (i, (sample, pooled)) in surfaces.samples.iter_mut().zip(pooled).enumerate() {
+        sample.soft = pooled.light * factors.as_ref().map_or(1.0, |factors| factors[i]);
     }
 }
 
@@ -98,7 +102,7 @@ pub(super) struct FaceLight<'a> {
     pub(super) face: Face,
     pub(super) shader: &'a Shader<'a>,
     pub(super) size_px: u32,
-    progress: &'a dyn Progress,
+    pub(super) progress: &'a dyn Progress,
 }
 
 /// Limits of the number of light samples of a surface sample.
@@ -108,17 +112,6 @@ struct SampleLimits {
     max: f32,
     /// Maximum against blotches.
     blotched: f32,
-}
-
-/// A light sample after its first ray.
-struct PartialSample {
-    /// Index of the surface sample.
-    surface: u32,
-    /// See [`Arrival::cell`].
-    cell: u64,
-    /// Light gathered before the arrival.
-    before: Vec3,
-    arrival: Arrival,
 }
 
 impl GatheredLight {
@@ -132,18 +125,18 @@ impl GatheredLight {
 
 impl FaceLight<'_> {
     /// Calls `visit` for each surface sample of the face, rows in parallel, with its element of
-    /// `all`, its index, its pixel, and a list for results. Returns the lists, row after row. Each
+    /// `all`, its index, its pixel, and the results of its row. Returns these, row after row. Each
     /// row advances the progress by `steps`.
-    pub(super) fn for_each_surface<P: Send, T: Send>(
+    pub(super) fn for_each_surface<P: Send, R: Default + Send>(
         &self,
         offsets: &[u32],
         all: &mut [P],
         steps: u64,
-        visit: impl Fn(&mut P, usize, [u32; 2], &mut Vec<T>) + Sync,
-    ) -> Vec<Vec<T>> {
+        visit: impl Fn(&mut P, usize, [u32; 2], &mut R) + Sync,
+    ) -> Vec<R> {
         let size = self.size_px;
         let visit_row = |(y, (first, row)): (usize, Row<P>)| {
-            let mut results = Vec::new();
+            let mut results = R::default();
             let pixels = &offsets[y * size as usize..][..=size as usize];
             if self.progress.is_cancelled() {
                 return results;
@@ -166,6 +159,8 @@ impl FaceLight<'_> {
         let (mut blocks, membership) = Blocks::new(surfaces);
         let classes = surfaces.classes();
         let mut gathered = vec![GatheredLight::default(); surfaces.samples.len()];
+        let is_smooth = !self.shader.capture.tracer.scene().normals.is_empty();
+        let mut gradients = vec![Vec3::ZERO; if is_smooth { gathered.len() } else { 0 }];
         let windows =
             |blocks: &Blocks| BlockWindows::new(self.face, self.size_px, blocks, [None; 6]);
         let survey = BlockSurvey::new(
@@ -181,7 +176,13 @@ impl FaceLight<'_> {
             .map(|i| (first_round / survey.widest(i)).min(1.0))
             .collect();
         let ranges = distribute_samples(surfaces, &classes, &requested);
-        self.gather(surfaces, &survey, 0, ranges, &mut gathered);
+        self.gather(
+            surfaces,
+            &survey,
+            0,
+            ranges,
+            (&mut gathered, &mut gradients),
+        );
         blocks.fill(&membership, &gathered);
         let variances = ClassStatistics::new(&classes, &gathered).variances();
         let pooled = survey.pool(&windows(&blocks), &variances);
@@ -199,12 +200,29 @@ impl FaceLight<'_> {
             .map(request)
             .collect();
         let ranges = distribute_samples(surfaces, &classes, &requested);
-        self.gather(surfaces, &survey, 1, ranges, &mut gathered);
+        self.gather(
+            surfaces,
+            &survey,
+            1,
+            ranges,
+            (&mut gathered, &mut gradients),
+        );
+        let gradients = is_smooth.then(|| {
+            let gradients =
+                NormalGradients::new(blocks.clone(), &membership, &gathered, &gradients);
+            let pooling = Pooling::new(surfaces, self.face);
+            let factors = gradients.factors(&pooling, self.face, self.shader);
+            for (gathered, factor) in gathered.iter_mut().zip(factors) {
+                gathered.scale(1.0 / factor);
+            }
+            gradients
+        });
         blocks.fill(&membership, &gathered);
         FaceLightSamples {
             classes: ClassStatistics::new(&classes, &gathered),
             gathered,
             blocks,
+            gradients,
         }
     }
 
@@ -242,71 +260,96 @@ impl FaceLight<'_> {
     }
 
     /// Takes the samples of soft light of a round: those of its range for each surface sample.
+    /// Adds their gradients, unless that list is empty.
     fn gather(
         &self,
         surfaces: &FaceSurfaces,
         survey: &BlockSurvey,
         round: u32,
         ranges: Vec<SampleRange>,
-        gathered: &mut [GatheredLight],
+        (gathered, gradients): (&mut [GatheredLight], &mut [Vec3]),
     ) {
         let tracer = self.shader.capture.tracer;
         let lighting = self.shader.capture.lighting;
-        let begin = |gathered: &mut GatheredLight,
-                     i: usize,
-                     pixel: [u32; 2],
-                     partial: &mut Vec<PartialSample>| {
-            let surface = &surfaces.samples[i];
-            let SampleRange { first, count } = ranges[i];
-            if count == 0 {
-                return;
-            }
-            let area = self.shader.sampling_area(surface);
-            let stream = self.stream(surface, 0x50f7 + round);
-            for number in 0..count {
-                let sample = LightSample {
-                    stream,
-                    index: first.wrapping_add(number),
-                };
-                let point = area.point(&sample, self.face, pixel, self.size_px);
-                let (before, arrival) = lighting.before(tracer, &point, &sample);
-                let Some(arrival) = arrival else {
-                    gathered.add(before * lighting.exposure);
-                    continue;
-                };
-                gathered.nearness += arrival.weight / arrival.distance_m.max(survey.width_m(i));
-                match arrival.cell() {
-                    Some(cell) => partial.push(PartialSample {
-                        surface: i as u32,
-                        cell,
-                        before,
-                        arrival,
-                    }),
-                    None => {
-                        let light = before
-                            + arrival.contribution(lighting.beyond(tracer, &arrival, &sample));
-                        gathered.add(light * lighting.exposure);
+        let begin =
+            |gathered: &mut GatheredLight, i: usize, pixel: [u32; 2], row: &mut SampledRow| {
+                let surface = &surfaces.samples[i];
+                let SampleRange { first, count } = ranges[i];
+                if count == 0 {
+                    return;
+                }
+                let is_alone = surfaces.pixel(pixel[0], pixel[1]).len() == 1;
+                let area = self.shader.sampling_area(surface, is_alone);
+                let stream = self.stream(surface, 0x50f7 + round);
+                let mut gradient = Vec3::ZERO;
+                for number in 0..count {
+                    let sample = LightSample {
+                        stream,
+                        index: first.wrapping_add(number),
+                    };
+                    let point = area.point(&sample, self.face, pixel, self.size_px);
+                    let first = lighting.first_segment(tracer, &point, &sample);
+                    gradient += first.gradient;
+                    let Some(arrival) = first.arrival else {
+                        gathered.add(first.light * lighting.exposure);
+                        continue;
+                    };
+                    gathered.nearness += arrival.weight / arrival.distance_m.max(survey.width_m(i));
+                    match arrival.cell() {
+                        Some(cell) => row.partial.push(PartialSample {
+                            surface: i as u32,
+                            cell,
+                            before: first.light,
+                            arrival,
+                        }),
+                        None => {
+                            let beyond =
+                                arrival.contribution(lighting.beyond(tracer, &arrival, &sample));
+                            gradient += arrival_gradient(&point, &arrival, beyond);
+                            gathered.add((first.light + beyond) * lighting.exposure);
+                        }
                     }
                 }
-            }
-            gathered.samples += count as f32;
-        };
+                if gradient != Vec3::ZERO {
+                    row.gradients.push((i as u32, gradient * lighting.exposure));
+                }
+                gathered.samples += count as f32;
+            };
         let rows = self.for_each_surface(&surfaces.offsets, gathered, 1, begin);
         let beyond = self.light_beyond(round, &rows);
+        let finished = rows.par_iter().zip(&beyond);
         let add = |((first, gathered), (row, beyond)): (
             Row<GatheredLight>,
-            (&Vec<PartialSample>, Vec<Vec3>),
+            (&SampledRow, &Vec<Vec3>),
         )| {
-            for (partial, beyond) in row.iter().zip(beyond) {
-                let light = partial.before + partial.arrival.contribution(beyond);
+            for (partial, beyond) in row.partial.iter().zip(beyond) {
+                let light = partial.before + partial.arrival.contribution(*beyond);
                 gathered[partial.surface as usize - first].add(light * lighting.exposure);
             }
         };
         let gathered = rows::split_rows(&surfaces.offsets, self.size_px, gathered);
-        gathered
+        gathered.into_par_iter().zip(finished.clone()).for_each(add);
+        if gradients.is_empty() {
+            return;
+        }
+        let add_gradients =
+            |((first, gradients), (row, beyond)): (Row<Vec3>, (&SampledRow, &Vec<Vec3>))| {
+                for &(surface, gradient) in &row.gradients {
+                    gradients[surface as usize - first] += gradient;
+                }
+                for (partial, beyond) in row.partial.iter().zip(beyond) {
+                    let surface = &surfaces.samples[partial.surface as usize];
+                    let point = self.shader.sampling_area(surface, true).representative;
+                    let light = partial.arrival.contribution(*beyond) * lighting.exposure;
+                    gradients[partial.surface as usize - first] +=
+                        arrival_gradient(&point, &partial.arrival, light);
+                }
+            };
+        let gradients = rows::split_rows(&surfaces.offsets, self.size_px, gradients);
+        gradients
             .into_par_iter()
-            .zip(rows.par_iter().zip(beyond))
-            .for_each(add);
+            .zip(finished)
+            .for_each(add_gradients);
     }
 
     /// The random stream that the light samples of one kind share on all surface samples of a
@@ -314,61 +357,12 @@ impl FaceLight<'_> {
     fn stream(&self, surface: &SurfaceSample, kind: u32) -> u32 {
         random4([self.face.index() as u32, u32::from(surface.class), kind, 1])[0]
     }
+}
 
-    /// The radiance beyond the arrivals of the samples of each row, in a round.
-    fn light_beyond(&self, round: u32, rows: &[Vec<PartialSample>]) -> Vec<Vec<Vec3>> {
-        let tracer = self.shader.capture.tracer;
-        let lighting = self.shader.capture.lighting;
-        let mut count = 0;
-        let mut firsts: Vec<u32> = Vec::with_capacity(rows.len());
-        for row in rows {
-            firsts.push(count);
-            count += row.len() as u32;
-        }
-        let cell_keys = |(first, row): (&u32, &Vec<PartialSample>)| -> Vec<(u64, u32, u32)> {
-            // Representatives of a cell are drawn in a fixed order that is unrelated to position.
-            (*first..)
-                .zip(row)
-                .map(|(i, partial)| (partial.cell, i.wrapping_mul(0x9e37_79b9), i))
-                .collect()
-        };
-        let cell_keys: Vec<Vec<_>> = firsts.par_iter().zip(rows).map(cell_keys).collect();
-        let mut order = rows::concat(&cell_keys, |row| row);
-        order.par_sort_unstable();
-        let cells: Vec<&[(u64, u32, u32)]> = order.chunk_by(|a, b| a.0 == b.0).collect();
-        // The cell of each sample, written by the thread that has the cell.
-        let sample_cells: Vec<AtomicU32> = order.par_iter().map(|_| AtomicU32::new(0)).collect();
-        let cell_light = |(number, cell): (usize, &&[(u64, u32, u32)])| {
-            for &(_, _, i) in cell.iter() {
-                sample_cells[i as usize].store(number as u32, Ordering::Relaxed);
-            }
-            if self.progress.is_cancelled() {
-                return Vec3::ZERO;
-            }
-            // Copied first, so that the cache misses of the arrivals overlap.
-            let mut drawn = [None; MAX_CELL_SAMPLES];
-            for (arrival, &(_, _, i)) in drawn.iter_mut().zip(*cell) {
-                let row = firsts.partition_point(|&first| first <= i) - 1;
-                *arrival = Some(rows[row][(i - firsts[row]) as usize].arrival);
-            }
-            let [stream, ..] = random4([cell[0].0 as u32, (cell[0].0 >> 32) as u32, 0xce11, round]);
-            let light = |(index, arrival): (u32, &Arrival)| {
-                lighting.beyond(tracer, arrival, &LightSample { stream, index })
-            };
-            (0..).zip(drawn.iter().flatten()).map(light).sum::<Vec3>()
-                / cell.len().min(MAX_CELL_SAMPLES) as f32
-        };
-        let light: Vec<Vec3> = cells.par_iter().enumerate().map(cell_light).collect();
-        let sample_light_beyond =
-            |i: usize| light[sample_cells[i].load(Ordering::Relaxed) as usize];
-        let row_light = |(&first, row): (&u32, &Vec<PartialSample>)| {
-            (first as usize..)
-                .take(row.len())
-                .map(sample_light_beyond)
-                .collect()
-        };
-        firsts.par_iter().zip(rows).map(row_light).collect()
-    }
+/// Gradient of light that reaches a point from an arrival.
+fn arrival_gradient(point: &LitPoint, arrival: &Arrival, light: Vec3) -> Vec3 {
+    let direction = (arrival.position() - point.position).normalize_or_zero();
+    point.normal_gradient(light, direction)
 }
 
 #[cfg(test)]

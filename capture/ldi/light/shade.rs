@@ -10,12 +10,13 @@
 //! its part of the pixel. Without the grid, an LDI with half of the rays aliases
 //! (docs/decisions/0007).
 
+use super::sampling_area::SamplingArea;
 use crate::accumulate::accumulator::{Accumulator, to_unorm16};
 use crate::capture::SceneCapture;
 use glam::{DVec3, Vec2, Vec3};
 use headbox_core::cube_face::Face;
 use headbox_scene::scene::Paint;
-use headbox_trace::light::{LightSample, LitPoint};
+use headbox_trace::light::LitPoint;
 use headbox_trace::sampler::RayKey;
 
 /// Makes surface samples from the accumulators of a capture.
@@ -121,23 +122,29 @@ impl Shader<'_> {
         }
     }
 
-    /// The area over which the light of a sample is taken.
-    pub(crate) fn sampling_area(&self, sample: &SurfaceSample) -> SamplingArea {
+    /// The area over which the light of a sample is taken. `is_alone`: there is no other sample in
+    /// its pixel.
+    pub(super) fn sampling_area(&self, sample: &SurfaceSample, is_alone: bool) -> SamplingArea<'_> {
         let tracer = self.capture.tracer;
         let [u, v] = sample.barycentric.map(|c| f32::from(c) / 65_535.0);
         let triangle @ [a, b, c] = tracer.triangle(sample.primitive);
         SamplingArea {
             triangle,
-            representative: a + (b - a) * u + (c - a) * v,
-            normal: sample.plane_normal,
-            shading_normal: tracer.scene().shading_normal(
-                sample.primitive,
-                sample.plane_normal,
-                u,
-                v,
-            ),
-            extent: tracer.extent(sample.primitive),
+            representative: LitPoint {
+                position: a + (b - a) * u + (c - a) * v,
+                normal: sample.plane_normal,
+                shading_normal: self.shading_normal(sample),
+                extent: tracer.extent(sample.primitive),
+            },
+            occluders: (!is_alone).then_some(tracer),
         }
+    }
+
+    /// Unit shading normal of a sample, on the side that rays hit.
+    pub(crate) fn shading_normal(&self, sample: &SurfaceSample) -> Vec3 {
+        let [u, v] = sample.barycentric.map(|c| f32::from(c) / 65_535.0);
+        let scene = self.capture.tracer.scene();
+        scene.shading_normal(sample.primitive, sample.plane_normal, u, v)
     }
 
     /// Albedo over a pixel: the mean over the rays, and, where they are few and the triangle has a
@@ -200,46 +207,6 @@ impl Shader<'_> {
             .map(|point| point.map_or(here, emission))
             .sum::<Vec3>()
             / count
-    }
-}
-
-/// The area over which the light of a surface sample is taken: the part of its triangle that the
-/// pixel shows, as seen from the centre, so that edges of shadows are smooth.
-pub(crate) struct SamplingArea {
-    triangle: [Vec3; 3],
-    /// A point of the surface, for positions in the pixel outside the triangle.
-    representative: Vec3,
-    normal: Vec3,
-    shading_normal: Vec3,
-    extent: f32,
-}
-
-impl SamplingArea {
-    /// The point for a sample in pixel (x, y) of a face.
-    pub(crate) fn point(
-        &self,
-        sample: &LightSample,
-        face: Face,
-        [x, y]: [u32; 2],
-        size_px: u32,
-    ) -> LitPoint {
-        let [jx, jy] = sample.jitter();
-        let through = face
-            .direction(
-                f64::from(x) + f64::from(jx),
-                f64::from(y) + f64::from(jy),
-                size_px,
-            )
-            .as_vec3();
-        let [a, b, c] = self.triangle;
-        let position = intersect_triangle(through, self.triangle)
-            .map_or(self.representative, |[u, v]| a + (b - a) * u + (c - a) * v);
-        LitPoint {
-            position,
-            normal: self.normal,
-            shading_normal: self.shading_normal,
-            extent: self.extent,
-        }
     }
 }
 
@@ -322,24 +289,10 @@ fn corner_weights(homogeneous: DVec3) -> [f32; 2] {
     [(homogeneous.y / sum) as f32, (homogeneous.z / sum) as f32]
 }
 
-/// Intersects the ray from the local origin along `direction` with a triangle. Returns the weights
-/// of its second and third corner.
-fn intersect_triangle(direction: Vec3, [a, b, c]: [Vec3; 3]) -> Option<[f32; 2]> {
-    let (e1, e2) = (b - a, c - a);
-    let p = direction.cross(e2);
-    let det = e1.dot(p);
-    let s = -a;
-    let u = s.dot(p) / det;
-    let q = s.cross(e1);
-    let v = direction.dot(q) / det;
-    let t = e2.dot(q) / det;
-    // A NaN from an edge-on triangle (det = 0) fails every comparison.
-    (u >= 0.0 && v >= 0.0 && u + v <= 1.0 && t > 0.0).then_some([u, v])
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::light::sampling_area::intersect_triangle;
     use crate::scene_source::SceneSource;
     use crate::spec::{CaptureSpec, RunOptions};
     use headbox_trace::bvh::Tracer;
@@ -491,30 +444,5 @@ mod tests {
         // Nine bilinear points have a mean of one half and a ninth of the variance; a single point
         // would be off by three times that.
         assert!(error < 0.17, "{error}");
-    }
-
-    #[test]
-    fn ray_from_the_centre_hits_the_triangle() {
-        let triangle = [
-            Vec3::new(-1.0, -1.0, -2.0),
-            Vec3::new(1.0, -1.0, -2.0),
-            Vec3::new(0.0, 2.0, -2.0),
-        ];
-        let hit = intersect_triangle(Vec3::new(0.1, 0.0, -1.0), triangle).unwrap();
-        assert!(
-            (hit[0] - 13.0 / 30.0).abs() < 1e-6 && (hit[1] - 1.0 / 3.0).abs() < 1e-6,
-            "at (0.2, 0, -2)"
-        );
-        assert_eq!(
-            intersect_triangle(Vec3::new(2.0, 0.0, -1.0), triangle),
-            None,
-            "beside it"
-        );
-        assert_eq!(
-            intersect_triangle(Vec3::new(0.1, 0.0, 1.0), triangle),
-            None,
-            "behind the centre"
-        );
-        assert_eq!(intersect_triangle(Vec3::X, triangle), None, "edge-on");
     }
 }

@@ -65,6 +65,7 @@ impl FaceLight<'_> {
     ) {
         let tracer = self.shader.capture.tracer;
         let lighting = self.shader.capture.lighting;
+        let offsets = &surfaces.offsets;
         let request = |surface: &mut SurfaceSample,
                        i: usize,
                        pixel: [u32; 2],
@@ -73,14 +74,17 @@ impl FaceLight<'_> {
             if more == 0 {
                 return;
             }
-            let area = self.shader.sampling_area(surface);
+            let [x, y] = pixel.map(|c| c as usize);
+            let first = y * self.size_px as usize + x;
+            let is_alone = offsets[first + 1] - offsets[first] == 1;
+            let area = self.shader.sampling_area(surface, is_alone);
             for number in 0..more {
                 let sample = self.sun_sample(surface, pixel, before, number, more);
                 let point = area.point(&sample, self.face, pixel, self.size_px);
                 requests.push((i as u32, (point, sample)));
             }
         };
-        let rows = self.for_each_surface(&surfaces.offsets, &mut surfaces.samples, 0, request);
+        let rows = self.for_each_surface(offsets, &mut surfaces.samples, 0, request);
         let light_row = |(row, (first, surfaces)): (Vec<SunRequest>, Row<SurfaceSample>)| {
             let (indices, requests): (Vec<u32>, Vec<_>) = row.into_iter().unzip();
             let mut light = &*lighting.sharp_radiosities(tracer, &requests);

@@ -201,7 +201,7 @@ impl CubeLight {
                 surfaces
             }
         };
-        pool_light(&mut surfaces, face, &mut self.samples);
+        pool_light(&mut surfaces, face, unlit.shader, &mut self.samples);
         Ok(surfaces)
     }
 }

@@ -295,9 +295,11 @@ impl VertexLight<'_> {
                 sums.sharp
                     .add(self.lighting.sharp_radiosity(self.tracer, &point, &sample));
             }
-            let (before, arrival) = self.lighting.before(self.tracer, &point, &sample);
-            sums.soft += before;
-            let Some(arrival) = arrival else { continue };
+            let first = self.lighting.first_segment(self.tracer, &point, &sample);
+            sums.soft += first.light;
+            let Some(arrival) = first.arrival else {
+                continue;
+            };
             match arrival.cell_of_width(cell_m) {
                 Some(cell) => pending.push(PendingSample { cell, arrival }),
                 None => {

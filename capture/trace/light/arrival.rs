@@ -42,7 +42,23 @@ pub struct Arrival {
     pub distance_m: f32,
 }
 
+/// First segment of a light sample's path.
+#[derive(Clone, Copy, Debug)]
+pub struct FirstSegment {
+    /// Light gathered before its ray hits a surface.
+    pub light: Vec3,
+    /// Sum of the [gradients](LitPoint::normal_gradient) of that light.
+    pub gradient: Vec3,
+    /// End of the segment, if it hits a surface.
+    pub arrival: Option<Arrival>,
+}
+
 impl Arrival {
+    /// Returns the surface point, in the tracer's local frame.
+    pub fn position(&self) -> Vec3 {
+        self.point.position
+    }
+
     /// Returns the hash key of the arrival's cell, by position and normal. `None` if the segment is
     /// so short that the cell is not a small part of the view from its start.
     pub fn cell(&self) -> Option<u64> {
@@ -78,15 +94,14 @@ impl Arrival {
 }
 
 impl Lighting {
-    /// Traces the first segment of a sample of [`Self::soft_radiosity`]: returns the light gathered
-    /// before its ray hits a surface, and the arrival there, if any. The caller adds the
+    /// Traces the first segment of a sample of [`Self::soft_radiosity`]. The caller adds the
     /// [contribution](Arrival::contribution) of one sample of [`Self::beyond`].
-    pub fn before(
+    pub fn first_segment(
         &self,
         tracer: &Tracer,
         point: &LitPoint,
         sample: &LightSample,
-    ) -> (Vec3, Option<Arrival>) {
+    ) -> FirstSegment {
         let mut path = Path::new(point);
         let distance_m = self.light_vertex(tracer, &mut path, self.vertex(0), sample);
         let arrival = distance_m.map(|distance_m| Arrival {
@@ -95,7 +110,11 @@ impl Lighting {
             weight: path.weight,
             distance_m,
         });
-        (path.sum, arrival)
+        FirstSegment {
+            light: path.sum,
+            gradient: path.gradient,
+            arrival,
+        }
     }
 
     /// Traces the remainder of a sample: returns the radiosity per albedo at its arrival. Light

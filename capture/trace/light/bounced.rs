@@ -112,7 +112,7 @@ impl Lighting {
                     stream: 0xb01e,
                     index: number * RAY_BOUNCES + bounce,
                 };
-                Some(self.before(tracer, point, &sample).1?.point)
+                Some(self.first_segment(tracer, point, &sample).arrival?.point)
             };
             (0..RAY_BOUNCES).filter_map(arrival).collect::<Vec<_>>()
         };

@@ -22,7 +22,7 @@ mod sequence;
 #[cfg(test)]
 pub(crate) mod tests;
 
-pub use arrival::Arrival;
+pub use arrival::{Arrival, FirstSegment};
 
 use crate::bvh::{Hit, Ray, Tracer};
 use crate::sampler::{random4, unit_float};
@@ -128,9 +128,23 @@ impl LitPoint {
         x | y << 3 | z << 6
     }
 
+    /// Returns the gradient, by the shading normal, of the luminance of `light`, a sample of radiosity
+    /// per albedo that arrives along the unit `direction` (Ward and Heckbert 1992, "Irradiance
+    /// gradients", the rotational one). Zero where the shading normal is the geometric one.
+    pub fn normal_gradient(&self, light: Vec3, direction: Vec3) -> Vec3 {
+        /// Minimum cosine by which light is divided: samples near the horizon are rare and would
+        /// dominate.
+        const MIN_COS: f32 = 0.25;
+        if self.shading_normal == self.normal {
+            return Vec3::ZERO;
+        }
+        let cos = direction.dot(self.shading_normal);
+        (direction - self.shading_normal * cos) * (luminance(light.to_array()) / cos.max(MIN_COS))
+    }
+
     /// Returns the origin of rays that leave this point: offset along the normal by more than the
     /// rounding error of the position.
-    fn ray_origin(&self) -> Vec3 {
+    pub fn ray_origin(&self) -> Vec3 {
         /// Rounding of a hit position is a few units in the last place (2^-24) of the triangle's
         /// largest coordinate and of the point's own; 2^-18 is a factor of 64 above that.
         const OFFSET: f32 = 1.0 / 262_144.0;
@@ -347,11 +361,11 @@ impl Lighting {
         sample: &LightSample,
     ) -> Vec3 {
         let sharp = self.sharp_radiosity(tracer, point, sample);
-        let (before, arrival) = self.before(tracer, point, sample);
-        let beyond = arrival.map_or(Vec3::ZERO, |arrival| {
+        let first = self.first_segment(tracer, point, sample);
+        let beyond = first.arrival.map_or(Vec3::ZERO, |arrival| {
             arrival.contribution(self.beyond(tracer, &arrival, sample))
         });
-        sharp + before + beyond
+        sharp + first.light + beyond
     }
 
     /// Returns one sample of the part of [`Self::radiosity_per_albedo`] that comes from the sky,

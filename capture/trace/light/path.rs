@@ -33,6 +33,18 @@ pub(super) struct Path {
     pub(super) weight: f32,
     /// Light gathered so far.
     pub(super) sum: Vec3,
+    /// Sum of the [gradients](LitPoint::normal_gradient) of the light that reaches the first vertex
+    /// directly.
+    pub(super) gradient: Vec3,
+}
+
+/// Light that arrives at a point.
+#[derive(Clone, Copy, Default)]
+pub(super) struct IncidentLight {
+    /// Radiosity per albedo.
+    pub(super) light: Vec3,
+    /// Unit direction from which it comes.
+    pub(super) direction: Vec3,
 }
 
 /// Number of a vertex along its path.
@@ -58,12 +70,27 @@ impl Path {
             throughput: Vec3::ONE,
             weight: 1.0,
             sum: Vec3::ZERO,
+            gradient: Vec3::ZERO,
         }
     }
 
     /// Adds light at the current vertex.
     fn add(&mut self, light: Vec3) {
         self.sum += self.throughput * light * self.weight;
+    }
+
+    /// Adds the gradient of light at the current vertex if that is the first one.
+    fn add_gradient(&mut self, vertex: Vertex, incident: &IncidentLight) {
+        if vertex.bounce == 0 {
+            let light = incident.light * self.weight;
+            self.gradient += self.point.normal_gradient(light, incident.direction);
+        }
+    }
+
+    /// Adds light that arrives at the current vertex, and its gradient.
+    fn add_incident(&mut self, vertex: Vertex, light: Vec3, direction: Vec3) {
+        self.add(light);
+        self.add_gradient(vertex, &IncidentLight { light, direction });
     }
 }
 
@@ -125,26 +152,32 @@ impl Lighting {
         None
     }
 
-    /// Next-event estimation of radiosity per albedo at a vertex. Light from the sky and
-    /// from emissive triangles is weighted against rays in `directions`, if these sample it too.
-    pub(super) fn direct(
+    /// Adds next-event estimation of radiosity per albedo at the path's vertex. Light from the sky
+    /// and from emissive triangles is weighted against rays in `directions`, if these sample it
+    /// too.
+    pub(super) fn add_direct(
         &self,
         tracer: &Tracer,
-        point: &LitPoint,
+        path: &mut Path,
         sample: &LightSample,
         vertex: Vertex,
         directions: Option<&Directions<'_>>,
-    ) -> Vec3 {
+    ) {
         let dimension = vertex.dimension();
-        let mut direct = self.emitter_light(tracer, point, sample, dimension, directions);
+        let point = path.point;
+        let emitter = self.emitter_light(tracer, &point, sample, dimension, directions);
+        path.add_gradient(vertex, &emitter);
+        let mut direct = emitter.light;
         if let Some(directions) = directions {
-            direct += self.sky_light(tracer, point, sample, dimension, directions);
+            let sky = self.sky_light(tracer, &point, sample, dimension, directions);
+            path.add_gradient(vertex, &sky);
+            direct += sky.light;
         }
         if vertex.bounce > 0 {
-            direct += self.sun_light(tracer, point, sample, dimension);
-            direct += self.lamp_light(tracer, point, sample, dimension);
+            direct += self.sun_light(tracer, &point, sample, dimension);
+            direct += self.lamp_light(tracer, &point, sample, dimension);
         }
-        direct
+        path.add(direct);
     }
 
     /// Returns true if the ray from a vertex samples only the sky: it is the last of a path that has
@@ -172,8 +205,7 @@ impl Lighting {
                 self.unguided_directions(&path.point)
             }
         });
-        let direct = self.direct(tracer, &path.point, sample, vertex, directions.as_ref());
-        path.add(direct);
+        self.add_direct(tracer, path, sample, vertex, directions.as_ref());
         self.trace_next_ray(tracer, path, vertex, sample, &directions?)
     }
 
@@ -223,16 +255,17 @@ impl Lighting {
         path.weight *= directions.weight(tracer, aim, cos, hit.as_ref())?;
         let Some(hit) = hit else {
             let sky = self.sky_light_from_miss(tracer, &point, direction, directions);
-            path.add(sky + self.fill.radiance);
+            path.add_incident(vertex, sky + self.fill.radiance, direction);
             return None;
         };
         if self.fill.radiance > 0.0 {
             let openness = (hit.t / self.fill.reach_m).min(1.0);
-            path.add(Vec3::splat(self.fill.radiance * openness * openness));
+            let fill = Vec3::splat(self.fill.radiance * openness * openness);
+            path.add_incident(vertex, fill, direction);
         }
         let (next, surface) = LitPoint::from_hit(tracer, &ray, &hit);
         let emitted = self.emitter_light_from_hit(tracer, &point, &ray, &hit, &surface, directions);
-        path.add(emitted);
+        path.add_incident(vertex, emitted, direction);
         path.point = next;
         path.throughput *= Vec3::from_array(surface.albedo);
         if vertex.bounce >= ROULETTE_BOUNCES {

@@ -84,7 +84,11 @@ fn split_sample_sums_to_whole() {
         let mut arrived = 0;
         for (point, sample) in requests(&tracer) {
             let whole = lighting.soft_radiosity(&tracer, &point, &sample);
-            let (before, arrival) = lighting.before(&tracer, &point, &sample);
+            let FirstSegment {
+                light: before,
+                arrival,
+                ..
+            } = lighting.first_segment(&tracer, &point, &sample);
             let beyond = arrival.map_or(Vec3::ZERO, |a| {
                 a.contribution(lighting.beyond(&tracer, &a, &sample))
             });
@@ -200,4 +204,86 @@ fn packet_sunlight_matches_single_rays() {
     };
     assert_eq!(light, requests.iter().map(single).collect::<Vec<_>>());
     assert!(light.contains(&Vec3::ZERO) && light.iter().any(|l| *l != Vec3::ZERO));
+}
+
+/// Mean of samples of soft light at the origin on a floor with a shading normal, and of their
+/// gradients, in `direction`.
+fn light_and_gradient(
+    tracer: &Tracer,
+    lighting: &Lighting,
+    shading_normal: Vec3,
+    direction: Vec3,
+) -> [f64; 2] {
+    const SAMPLES: u32 = 1 << 15;
+    let point = LitPoint {
+        shading_normal,
+        ..lit_point(Vec3::ZERO, Vec3::Y, 4.0)
+    };
+    let mut sums = [0.0; 2];
+    for index in 0..SAMPLES {
+        let sample = LightSample { stream: 3, index };
+        let first = lighting.first_segment(tracer, &point, &sample);
+        let mut light = first.light;
+        let mut gradient = first.gradient;
+        if let Some(arrival) = first.arrival {
+            let bounced = arrival.contribution(lighting.beyond(tracer, &arrival, &sample));
+            light += bounced;
+            gradient += point.normal_gradient(bounced, arrival.position().normalize());
+        }
+        sums[0] += f64::from(luminance(light.to_array()));
+        sums[1] += f64::from(gradient.dot(direction));
+    }
+    sums.map(|sum| sum / f64::from(SAMPLES))
+}
+
+#[test]
+fn normal_gradient_is_the_change_of_light_by_the_normal() {
+    // A lamp to the right, a sunlit wall to the left, and a sky half behind a wall, each alone.
+    let upright = |x: f64, low: f64| {
+        let high = low + 2.0;
+        [(-1.0, low), (1.0, low), (1.0, high), (-1.0, high)].map(|(z, y)| dvec3(x, y, z))
+    };
+    let material = |emission: f32| Material {
+        emission: [emission; 3],
+        ..Material::default()
+    };
+    // Light from less than 14 degrees above the horizon, that of the sky, counts too little.
+    for (source, tolerance) in [("lamp", 0.03), ("wall", 0.03), ("sky", 0.2)] {
+        let mut scene = Scene {
+            materials: vec![material(0.0), material(4.0)],
+            ..Scene::default()
+        };
+        match source {
+            "lamp" => add_quad(&mut scene, upright(2.0, 1.0), 1),
+            "wall" => {
+                add_quad(&mut scene, upright(-2.0, 1.0), 0);
+                scene.sun = Some(Sun {
+                    direction: Vec3::new(0.8, 0.6, 0.0),
+                    ..Sun::default()
+                });
+            }
+            _ => {
+                add_quad(&mut scene, upright(1.0, 0.0), 0);
+                scene.sky = Some(Sky::default());
+            }
+        }
+        let tracer = Tracer::new(Arc::new(scene), DVec3::ZERO);
+        let lighting = Lighting::unmetered(&tracer, 1);
+        let normal = |angle: f32| Vec3::new(angle.sin(), angle.cos(), 0.0);
+        const STEP: f32 = 0.1;
+        let at = |angle| light_and_gradient(&tracer, &lighting, normal(angle), Vec3::X);
+        // With the shading normal exactly that of the surface there is no gradient.
+        let [light, gradient] = at(1e-4);
+        let [less, more] = [-STEP, STEP].map(|angle| at(angle)[0]);
+        let expected = (more - less) / f64::from(2.0 * STEP.sin());
+        assert!(
+            expected.abs() > 0.2 * light,
+            "{source}: {expected} of {light}"
+        );
+        assert!(
+            (gradient / expected - 1.0).abs() < tolerance,
+            "{source}: {gradient}, not {expected}"
+        );
+        assert_eq!(at(0.0)[1], 0.0, "{source}: flat shading");
+    }
 }

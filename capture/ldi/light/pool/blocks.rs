@@ -29,7 +29,7 @@ const NOT_FOLLOWED: u32 = u32::MAX;
 type Cell = Vec<(SurfaceKey, Sums)>;
 
 /// Sums of each surface in each cell of a square lattice.
-#[derive(Default)]
+#[derive(Clone, Default)]
 pub(super) struct Lattice {
     /// Prefix sums over the cells in row-major order.
     starts: Vec<u32>,
@@ -77,11 +77,13 @@ impl Lattice {
 }
 
 /// The blocks of a face, from the smallest to the largest.
+#[derive(Clone)]
 pub(crate) struct Blocks {
     pub(super) levels: Vec<BlockLevel>,
 }
 
 /// Blocks of one size.
+#[derive(Clone)]
 pub(super) struct BlockLevel {
     /// Blocks along a side.
     pub(super) blocks: u32,

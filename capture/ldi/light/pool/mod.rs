@@ -27,6 +27,7 @@
 //! * `narrow_windows`: the narrowest window of each surface sample.
 //! * `isoline`: averages narrow windows along lines of equal nearness, where light comes from so
 //!   near that no wider window would count.
+//! * `shading_normals`: corrects for shading normals that vary over a window.
 //! * `window`: the choice among windows, in lanes.
 //! * `lanes`: pools the light of many points, in lanes.
 //! * `block_survey`: the number of light samples that the surfaces of a block request.
@@ -37,6 +38,7 @@ mod blocks;
 mod isoline;
 mod lanes;
 mod narrow_windows;
+mod shading_normals;
 mod surface_key;
 #[cfg(test)]
 mod tests;
@@ -45,6 +47,7 @@ mod window;
 pub(super) use block_survey::BlockSurvey;
 pub(super) use block_windows::BlockWindows;
 pub(super) use blocks::Blocks;
+pub(super) use shading_normals::NormalGradients;
 pub(crate) use surface_key::same_surface;
 
 use crate::surfaces::surface_samples::FaceSurfaces;
@@ -68,6 +71,14 @@ pub(crate) struct GatheredLight {
     pub(super) nearness: f32,
     /// Number of samples.
     pub(super) samples: f32,
+}
+
+impl GatheredLight {
+    /// Multiplies the light of the samples.
+    pub(super) fn scale(&mut self, factor: f32) {
+        self.light *= factor;
+        self.squares *= factor * factor;
+    }
 }
 
 /// Light pooled over the chosen window.
@@ -113,6 +124,11 @@ impl<'a> Pooling<'a> {
         }
     }
 
+    /// The middle of the pixel of surface sample `i`, pixels.
+    fn position(&self, i: usize) -> [f32; 2] {
+        middle(self.pixels[i])
+    }
+
     /// Pools the light of each surface sample over its window. `expected` is the expected variance
     /// of light samples by class.
     pub(super) fn pool(
@@ -123,7 +139,7 @@ impl<'a> Pooling<'a> {
     ) -> Vec<PooledLight> {
         let point = |i: usize| PoolingPoint {
             key: &self.keys[i],
-            position: middle(self.pixels[i]),
+            position: self.position(i),
             width_m: self.widths[i],
             expected: expected[self.keys[i].class as usize],
         };

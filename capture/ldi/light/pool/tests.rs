@@ -323,3 +323,59 @@ fn classes_of_all_faces_have_variances() {
     assert_eq!(variances.len(), last + 1);
     assert_eq!(variances[last], variances[3], "classes without samples");
 }
+
+#[test]
+fn smooth_shading_survives_pooling() {
+    // A wall whose shading normals turn by 40 degrees from side to side, in light that falls from
+    // the left, with a light sample in one of sixteen pixels.
+    let shading_normal = |i: usize| {
+        let share = ((i as u32 % SIZE) as f32 + 0.5) / SIZE as f32;
+        let angle = (share - 0.5) * 40f32.to_radians();
+        Vec3::new(angle.sin(), 0.0, angle.cos())
+    };
+    let toward = Vec3::new(-0.8, 0.0, 0.6);
+    let light = |i: usize| toward.dot(shading_normal(i));
+    let random = |i: usize| random4([i as u32, 1, 2, 3]).map(unit_float);
+    let noise = |i: usize| 2.0 * random(i)[0];
+    let is_sampled = |i: usize| random(i)[1] < 1.0 / 16.0;
+    let pixels = 0..(SIZE * SIZE) as usize;
+    let mut gathered: Vec<GatheredLight> = pixels
+        .clone()
+        .map(|i| {
+            if is_sampled(i) {
+                light_sample(light(i) * noise(i), 0.01)
+            } else {
+                GatheredLight::default()
+            }
+        })
+        .collect();
+    let gradient = |i: usize| {
+        let tangential = toward - shading_normal(i) * light(i);
+        tangential * if is_sampled(i) { noise(i) } else { 0.0 }
+    };
+    let gradients: Vec<Vec3> = pixels.clone().map(gradient).collect();
+    let face = FaceSurfaces {
+        size_px: SIZE,
+        offsets: (0..=SIZE * SIZE).collect(),
+        samples: vec![sample_on_plane(1, 5.0); gathered.len()],
+    };
+    let error = |factors: &[f32], gathered: &[GatheredLight]| {
+        let pooled = pool_face(&face, gathered);
+        let error = |i: usize| (pooled[i].light.x * factors[i] - light(i)).powi(2);
+        (pixels.clone().map(error).sum::<f32>() / gathered.len() as f32).sqrt()
+    };
+    let flat = error(&vec![1.0; gathered.len()], &gathered);
+    let (blocks, membership) = Blocks::new(&face);
+    let gradients = NormalGradients::new(blocks, &membership, &gathered, &gradients);
+    let pooling = Pooling::new(&face, Face::NegZ);
+    let factors = gradients.factors_at(&pooling, Face::NegZ, shading_normal);
+    for (gathered, factor) in gathered.iter_mut().zip(&factors) {
+        gathered.scale(1.0 / factor);
+    }
+    let smooth = error(&factors, &gathered);
+    // Light is 0.3 to 0.8; single samples err by a third of it.
+    assert!(
+        smooth < 0.03 && flat > 2.0 * smooth,
+        "{smooth}, and {flat} without gradients"
+    );
+}

@@ -18,6 +18,9 @@ pub(super) const SAMPLES: usize = 3;
 /// Index of the squared luminances in [`Sums`].
 const SQUARES: usize = 4;
 
+/// Index of the luminances in [`Sums`] of gradients.
+pub(super) const LUMINANCES: usize = SQUARES;
+
 /// Index of the samples' nearness in [`Sums`].
 pub(super) const NEARNESS: usize = 5;
 

@@ -9,6 +9,7 @@
 use super::light_tree::{Leaf, LightTree};
 use crate::bvh::{Hit, Ray, Tracer};
 use crate::light::guiding::guide::Directions;
+use crate::light::path::IncidentLight;
 use crate::light::{LightSample, Lighting, LitPoint};
 use glam::Vec3;
 use headbox_core::color::luminance;
@@ -54,21 +55,22 @@ impl Lighting {
     /// Samples radiosity per albedo from a point on one emissive triangle, with the balance
     /// heuristic if rays in the `shared` directions sample emitters too
     /// ([`Self::emitter_light_from_hit`]).
-    pub(crate) fn emitter_light(
+    pub(in crate::light) fn emitter_light(
         &self,
         tracer: &Tracer,
         point: &LitPoint,
         sample: &LightSample,
         dimension: u32,
         shared: Option<&Directions<'_>>,
-    ) -> Vec3 {
+    ) -> IncidentLight {
+        let none = IncidentLight::default();
         if self.emitters.is_empty() {
-            return Vec3::ZERO;
+            return none;
         }
         let sampled = self.emitters.sample(point, sample.single(dimension + 1));
         let Some((primitive, probability)) = sampled.filter(|(_, probability)| *probability > 0.0)
         else {
-            return Vec3::ZERO;
+            return none;
         };
         let [u, v] = point_on_triangle(sample.pair(dimension + 1));
         let corners @ [a, b, c] = tracer.triangle(primitive);
@@ -80,12 +82,12 @@ impl Lighting {
         let cos_here = direction.dot(point.shading_normal);
         // `is_nan`: the sampled point coincides with the lit point.
         if cos_here <= 0.0 || cos_here.is_nan() || direction.dot(point.normal) <= 0.0 {
-            return Vec3::ZERO;
+            return none;
         }
         let normal = tracer.geometric_normal(primitive);
         let cos_there = direction.dot(normal).abs();
         if cos_there <= 0.0 || !tracer.is_visible(direction, primitive, u, v) {
-            return Vec3::ZERO;
+            return none;
         }
         // Ends the shadow ray above the light's surface, by an offset like that of the ray's
         // origin.
@@ -109,7 +111,7 @@ impl Lighting {
             t_max: 1.0,
         };
         if tracer.occluded(&ray) {
-            return Vec3::ZERO;
+            return none;
         }
         let density = probability * distance2 / (area(corners) * cos_there);
         let hit = Some((primitive, distance2.sqrt()));
@@ -117,7 +119,10 @@ impl Lighting {
             directions.density(tracer, direction, cos_here, hit)
         });
         let emission = tracer.scene().emission(primitive, u, v);
-        Vec3::from_array(emission) * (cos_here / PI / (density + ray_density))
+        IncidentLight {
+            light: Vec3::from_array(emission) * (cos_here / PI / (density + ray_density)),
+            direction,
+        }
     }
 
     /// Returns radiosity per albedo along a ray that was sampled from `directions` and hit an
@@ -382,7 +387,11 @@ mod tests {
         let tracer = Tracer::new(Arc::new(scene), DVec3::ZERO);
         let lighting = Lighting::unmetered(&tracer, 1);
         let point = lit_point(-Vec3::Y, Vec3::Y, 1.0);
-        let found = mean(|sample| lighting.emitter_light(&tracer, &point, sample, 0, None));
+        let found = mean(|sample| {
+            lighting
+                .emitter_light(&tracer, &point, sample, 0, None)
+                .light
+        });
         assert!(
             (found - expected).abs() < 0.05 * expected,
             "{found}, not {expected}"

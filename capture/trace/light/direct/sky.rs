@@ -8,6 +8,7 @@
 
 use crate::bvh::{Ray, Tracer};
 use crate::light::guiding::guide::Directions;
+use crate::light::path::IncidentLight;
 use crate::light::{LightSample, Lighting, LitPoint};
 use glam::Vec3;
 use headbox_scene::scene::{Sky, SkyPicture};
@@ -22,30 +23,34 @@ impl Lighting {
     }
 
     /// Estimates radiosity per albedo by a direction sampled from the sky image.
-    pub(crate) fn sky_light(
+    pub(in crate::light) fn sky_light(
         &self,
         tracer: &Tracer,
         point: &LitPoint,
         sample: &LightSample,
         dimension: u32,
         directions: &Directions<'_>,
-    ) -> Vec3 {
+    ) -> IncidentLight {
+        let none = IncidentLight::default();
         let Some(picture) = self.picture() else {
-            return Vec3::ZERO;
+            return none;
         };
         let Some((direction, radiance)) = picture.sample(sample.pair(dimension + 3)) else {
-            return Vec3::ZERO;
+            return none;
         };
         let cos = direction.dot(point.shading_normal);
         if cos <= 0.0 || direction.dot(point.normal) <= 0.0 {
-            return Vec3::ZERO;
+            return none;
         }
         let ray = Ray::new(point.ray_origin(), direction);
         if tracer.occluded(&ray) {
-            return Vec3::ZERO;
+            return none;
         }
         let density = directions.density(tracer, direction, cos, None);
-        Vec3::from_array(radiance) * (cos / PI / (picture.density(radiance) + density))
+        IncidentLight {
+            light: Vec3::from_array(radiance) * (cos / PI / (picture.density(radiance) + density)),
+            direction,
+        }
     }
 
     /// Estimates radiosity per albedo by a path's ray that missed all surfaces.

@@ -118,7 +118,7 @@ impl Lighting {
                 extent: tracer.extent(primitive),
             };
             let albedo = Vec3::from_array(tracer.surface(primitive, u, v).albedo);
-            let light = self.emitter_light(tracer, &point, &sample, 1, None);
+            let light = self.emitter_light(tracer, &point, &sample, 1, None).light;
             sum += luminance((albedo * light).to_array());
         }
         sum / SAMPLES as f32

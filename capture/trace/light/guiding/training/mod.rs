@@ -66,7 +66,7 @@ impl Lighting {
                 stream: 0x6a1e,
                 index,
             };
-            let (_, arrival) = self.before(tracer, &point, &sample);
+            let arrival = self.first_segment(tracer, &point, &sample).arrival;
             Some([Some(point), arrival.map(|arrival| arrival.point)])
         };
         let points: Vec<[Option<LitPoint>; 2]> = (0..TRAINING_RAYS)
@@ -183,8 +183,9 @@ impl Lighting {
         let directions = self.unguided_directions(point);
         let level = |light: Vec3| luminance((light * self.exposure).to_array());
         let first = self.vertex(0);
-        let direct = self.direct(tracer, point, &sample, first, Some(&directions));
-        statistics.by_points.add(level(direct));
+        let mut direct = Path::new(point);
+        self.add_direct(tracer, &mut direct, &sample, first, Some(&directions));
+        statistics.by_points.add(level(direct.sum));
         let mut path = Path::new(point);
         let pair = sample.pair(FIRST_DIRECTION);
         let aim = directions.sample_unaimed(pair);
