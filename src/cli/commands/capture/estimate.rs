@@ -24,20 +24,22 @@ const FACE_PX: u32 = 96;
 /// Minimum ratio of the capture's face size to the rehearsal's.
 const REDUCTION: u32 = 4;
 
-/// Time of a ray of the capture, as a share of one in the rehearsal, whose threads end shortly
-/// after they start.
-const RAY_SHARE: f64 = 0.75;
+/// Time of a ray of the capture, as a share of one in the rehearsal: its accumulators do not fit
+/// into caches, but its threads end shortly after they start.
+const RAY_SHARE: f64 = 1.05;
 
 /// Factor and power of the face size by which the time for light, merging and packing grows: on
 /// larger faces light is pooled over more pixels.
 const LIGHT_FACTOR: f64 = 0.88;
 const LIGHT_POWER: f64 = 1.75;
 
-/// Rounds of the search for holes for each round of the rehearsal.
-const ROUNDS_SHARE: f64 = 1.5;
+/// Power of the face size by which a first round of the search for holes grows: one that looks at
+/// all pixels.
+const ROUND_POWER: f64 = 1.47;
 
-/// Minimum number of these rounds: two are needed to find that there are no holes.
-const MIN_ROUNDS: f64 = 2.0;
+/// Time of a further round, which looks only at the pixels that have changed, as a share of the
+/// first.
+const FURTHER_ROUND: f64 = 0.45;
 
 /// Power of the face size by which the file grows: plane textures of larger faces have fewer
 /// borders.
@@ -98,16 +100,11 @@ impl Estimate {
 
         let stage_start = Instant::now();
         capture.fill_holes(&mut tracing)?;
-        let small_rounds = f64::from(tracing.holes.map_or(0, |holes| holes.rounds));
-        let hole_rounds = if small_rounds > 0.0 {
-            (small_rounds * ROUNDS_SHARE).max(MIN_ROUNDS).round()
-        } else {
-            0.0
-        };
-        // A round costs time for the pixels of its views, which is little for small ones, and for
-        // the samples: together roughly in proportion to the width of the faces.
-        let round_s = stage_start.elapsed().as_secs_f64() / small_rounds.max(1.0);
-        let holes_s = round_s * hole_rounds * scale;
+        let hole_rounds = tracing.holes.map_or(0, |holes| holes.rounds);
+        // In the rehearsal all rounds take as long.
+        let round_s = stage_start.elapsed().as_secs_f64() / f64::from(hole_rounds.max(1));
+        let rounds = 1.0 + FURTHER_ROUND * f64::from(hole_rounds.saturating_sub(1));
+        let holes_s = round_s * scale.powf(ROUND_POWER) * rounds;
 
         let stage_start = Instant::now();
         let ldi = capture.light_and_merge(&tracing)?;
@@ -126,7 +123,7 @@ impl Estimate {
             pilot_share,
             trace_s,
             holes_s,
-            hole_rounds: hole_rounds as u32,
+            hole_rounds,
             light_s: if is_whole { light_s } else { 0.0 },
             file_bytes,
             depth_pixels,
