@@ -58,19 +58,37 @@ impl PixelMerger<'_> {
 
     /// The mean of a cluster.
     fn average(&self, pixel: [u32; 2], cluster: &[SurfaceSample]) -> DepthPixel {
-        if let [sample] = cluster {
-            return self.single(sample);
-        }
         let measured = self
             .shares
             .and_then(|shares| shares.ray_counts(pixel, cluster, self.tone));
-        let counts = measured.unwrap_or_else(|| cluster.iter().map(|it| it.count).collect());
-        mean(cluster, &counts, self.tone, self.bins)
+        let color = match measured {
+            Some(counts) => mean_color(cluster.iter().zip(counts)),
+            None => mean_color(cluster.iter().map(|sample| (sample, sample.count))),
+        };
+        self.depth_pixel(cluster, color)
     }
 
     /// A depth pixel of one sample.
     fn single(&self, sample: &SurfaceSample) -> DepthPixel {
-        mean(std::slice::from_ref(sample), &[1], self.tone, self.bins)
+        self.depth_pixel(std::slice::from_ref(sample), sample.color())
+    }
+
+    /// A depth pixel of a colour (linear, exposed) with the mean depth of a cluster, and the plane
+    /// normal of the sample with most rays. The plane's normal determines how far apart neighbours
+    /// lie in a frame; a shading normal of a file may lean by 45 degrees, at the corners of a box.
+    fn depth_pixel(&self, cluster: &[SurfaceSample], color: Vec3) -> DepthPixel {
+        let most_rays = cluster
+            .iter()
+            .min_by_key(|sample| (std::cmp::Reverse(sample.count), sample.key));
+        let normal = most_rays.map_or(Vec3::Z, |sample| sample.plane_normal);
+        // Half a step of the offset keeps the inverse depth positive even in the first bin.
+        let position = mean_position(cluster) + 0.5 / 65_536.0;
+        let [r, g, b] = self.tone.levels(color);
+        DepthPixel {
+            inverse_depth: self.bins.inverse_depth(position) as f32,
+            normal: EncodedNormal::new(normal),
+            color_srgb: [r, g, b, 255],
+        }
     }
 
     /// Builds a depth pixel for each colour of a cluster, from the first ray of that colour.
@@ -122,39 +140,20 @@ impl<'a> Iterator for Clusters<'a> {
 
 /// Mean position in bins over all rays.
 fn mean_position(cluster: &[SurfaceSample]) -> f64 {
-    weighted_position(cluster.iter().map(|sample| (sample, sample.count)))
-}
-
-/// Mean position in bins of samples with their numbers of rays.
-fn weighted_position<'a>(samples: impl Iterator<Item = (&'a SurfaceSample, u32)>) -> f64 {
-    let mut rays = 0u64;
-    let mut sum = 0.0;
-    for (sample, count) in samples {
-        rays += u64::from(count);
-        sum += f64::from(sample.position) * f64::from(count);
-    }
+    let rays: u64 = cluster.iter().map(|sample| u64::from(sample.count)).sum();
+    let sum: f64 = cluster
+        .iter()
+        .map(|sample| f64::from(sample.position) * f64::from(sample.count))
+        .sum();
     sum / rays as f64
 }
 
-/// A depth pixel with the mean depth and colour of samples with their numbers of rays, and the plane
-/// normal of the sample with most rays. The plane's normal determines how far apart neighbours lie
-/// in a frame; a shading normal of a file may lean by 45 degrees, at the corners of a box.
-fn mean(cluster: &[SurfaceSample], counts: &[u32], tone: ToneMap, bins: &DepthBins) -> DepthPixel {
-    let samples = || cluster.iter().zip(counts.iter().copied());
-    let rays: u64 = counts.iter().copied().map(u64::from).sum();
-    let color: Vec3 = samples()
+/// Mean colour of samples with their numbers of rays.
+fn mean_color<'a>(samples: impl Iterator<Item = (&'a SurfaceSample, u32)> + Clone) -> Vec3 {
+    let rays: u64 = samples.clone().map(|(_, count)| u64::from(count)).sum();
+    samples
         .map(|(sample, count)| sample.color() * (count as f32 / rays as f32))
-        .sum();
-    let most_rays = samples().min_by_key(|(sample, count)| (std::cmp::Reverse(*count), sample.key));
-    let normal = most_rays.map_or(Vec3::Z, |(sample, _)| sample.plane_normal);
-    // Half a step of the offset keeps the inverse depth positive even in the first bin.
-    let position = weighted_position(samples()) + 0.5 / 65_536.0;
-    let [r, g, b] = tone.levels(color);
-    DepthPixel {
-        inverse_depth: bins.inverse_depth(position) as f32,
-        normal: EncodedNormal::new(normal),
-        color_srgb: [r, g, b, 255],
-    }
+        .sum()
 }
 
 #[cfg(test)]
