@@ -99,6 +99,8 @@ fn forward_band<S: Simd>(
         width: parallax.width as i32,
     };
     let mut setups = Setups::new();
+    // Of cells, so that those of the group's other patches are kept.
+    let mut cell_setups = Setups::new();
     for (number, strip) in source.patches.strips.iter().enumerate() {
         let y0 = number as u32 * TILE;
         // Range of output rows that the strip can reach under all displacements.
@@ -125,7 +127,15 @@ fn forward_band<S: Simd>(
                 if side > 0 {
                     let corner = [group.x[lane], group.y[lane]];
                     let corner = corner.map(|center| (center - group.half[lane]) as u32);
-                    move_square(simd, source, parallax, corner, side, &mut setups, &mut band);
+                    move_square(
+                        simd,
+                        source,
+                        parallax,
+                        corner,
+                        side,
+                        &mut cell_setups,
+                        &mut band,
+                    );
                 }
             }
         }
@@ -136,7 +146,7 @@ fn forward_band<S: Simd>(
                 parallax,
                 corner,
                 BLOCK_SIDE,
-                &mut setups,
+                &mut cell_setups,
                 &mut band,
             );
         }
@@ -438,6 +448,51 @@ mod tests {
         );
         for threads in 2..7 {
             assert!(moved(threads) == whole, "{threads} threads");
+        }
+    }
+
+    #[test]
+    fn patch_is_drawn_beside_one_that_moves_cell_by_cell() {
+        // Two tiles. The first reaches behind the target eye and moves out of sight cell by cell.
+        const WIDTH: u32 = 2 * TILE;
+        const HEIGHT: u32 = TILE;
+        let camera = Camera::look_at(
+            dvec3(0.0, 0.0, 2.0),
+            DVec3::ZERO,
+            DVec3::Y,
+            50.0,
+            [WIDTH, HEIGHT],
+        )
+        .expect("valid");
+        let color = RgbaImage::from_pixel(WIDTH, HEIGHT, Rgba([255; 4]));
+        let sprite =
+            Sprite::new(color, camera, SpritePlane::through(DVec3::ZERO, DVec3::Z)).expect("valid");
+        let value = |x: u32| {
+            if x < TILE {
+                0.5 + 0.46 * x as f32 / 15.0
+            } else {
+                0.2
+            }
+        };
+        let values: Vec<f32> = (0..WIDTH * HEIGHT).map(|i| value(i % WIDTH)).collect();
+        let displacement =
+            Displacement::new(WIDTH, HEIGHT, &values, DisplacementFormat::F32).expect("finite");
+        let field = Field::from_sprite(&sprite, &displacement);
+        let transfer = SpriteTransfer::from_parts(DMat3::IDENTITY, dvec3(-60.0, 0.0, -1.0), 1.0)
+            .expect("regular");
+        let pass = FirstPass {
+            cell_px: [1.0; 2],
+            stored: StoredValue::Corrected,
+            fill_steps: 0,
+        };
+        let (mut out, mut memory) = (Field::empty(), Vec::new());
+        forward(Level::new(), &field, &transfer, pass, &mut out, &mut memory);
+        // Columns 16 to 32 with a displacement of 0.2 move to 5 to 25, rows to 0 to 20.
+        for (x, y) in (1..19).flat_map(|y| (6..24).map(move |x| (x, y))) {
+            let column = (x - out.x0) as usize;
+            let row = (y - out.y0) as usize;
+            let cell = out.cells[row * out.width as usize + column];
+            assert!(cell & VISIBLE != 0, "column {x}, row {y}");
         }
     }
 }
