@@ -35,7 +35,7 @@ pub(crate) struct ExportCommand {
     triangles: Option<u64>,
     /// Write Gaussians to a .glb (KHR_gaussian_splatting) instead of triangles. N is their maximum
     /// number, also in a .ply, or that of points with --points: neighbours on one surface are
-    /// merged, those first that the headbox sees least; all by default
+    /// merged, those first that the headbox sees least; all that fit into 100 MB by default
     #[arg(long, value_name = "N", num_args = 0..=1, value_parser = parse_gaussians)]
     gaussians: Option<Option<u64>>,
     /// Maximum size of a .glb or .ply, MB of 10^6 bytes: fewer Gaussians, or fewer triangles and
@@ -80,8 +80,9 @@ fn parse_face(text: &str) -> Result<Face, String> {
     found.ok_or_else(|| "give +X, -X, +Y, -Y, +Z or -Z".into())
 }
 
-/// Size from which on an export mentions `--mb`, bytes.
-const LARGE_BYTES: u64 = 100_000_000;
+/// Maximum size of Gaussians and points without another budget, bytes: viewers open more slowly or
+/// not at all.
+const DEFAULT_BYTES: u64 = 100_000_000;
 
 impl ExportCommand {
     pub(crate) fn run(&self) -> anyhow::Result<()> {
@@ -150,14 +151,17 @@ impl ExportCommand {
                 bytes as f64 / 1e6,
                 summary.details
             );
-            if self.mb.is_none()
-                && bytes > LARGE_BYTES
-                && matches!(exporter.extension, "glb" | "ply")
-            {
-                eprintln!("note: with --mb N the file has at most N MB");
+            if self.has_default_budget(exporter) && bytes > DEFAULT_BYTES / 100 * 98 {
+                eprintln!("note: merged to 100 MB; --mb or --gaussians chooses another size");
             }
         }
         Ok(())
+    }
+
+    /// Returns true if Gaussians or points are written without a requested budget.
+    fn has_default_budget(&self, exporter: &Exporter) -> bool {
+        let has_many = exporter.extension == "ply" || self.gaussians.is_some();
+        has_many && self.mb.is_none() && self.gaussians.flatten().is_none()
     }
 
     /// Writes the output, completely or not at all.
@@ -170,7 +174,10 @@ impl ExportCommand {
             triangles: self.triangles.unwrap_or(GlbBudget::default().triangles),
             has_gaussians: self.gaussians.is_some(),
             gaussians: self.gaussians.flatten(),
-            bytes: self.mb.map(|mb| (mb * 1e6) as u64),
+            bytes: match self.mb {
+                Some(mb) => Some((mb * 1e6) as u64),
+                None => self.has_default_budget(exporter).then_some(DEFAULT_BYTES),
+            },
             points: self.points,
             layers: self.layers.map(|layers| layers as usize),
             faces: self.face.map_or(Faces::All, Faces::One),
