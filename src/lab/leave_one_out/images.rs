@@ -412,15 +412,15 @@ impl ImagesReport {
         let [nearest, live, ldi] = CUBES.map(rows);
         format!(
             "# Views left out of an image set\n\n{} views left out (1 in {}), shown from the others and judged against their \
-             photographs where all ways show something.\nBeside the nearest image alone, the LDI of the {} nearest is {:.2} dB nearer to \
-             the photograph, that of all images {:.2} dB; it covers {} of it instead of {}.\nCommit {}, {}, {} threads, {}.\n\n{table}\n\
+             photographs where all ways show something.\nCompared with the nearest image alone, the LDI of the {} nearest is {}, \
+             that of all images {}; it covers {} of the photograph instead of {}.\nCommit {}, {}, {} threads, {}.\n\n{table}\n\
              Mean absolute differences over that of the nearest picture as it is:\n\n{}\nWeights of distance, angle and visibility by \
              which cameras are ranked ({}), judged where all of them show something:\n\n{}",
             ldi.count(),
             self.hold_out,
             NearestImages::COUNT,
-            live.psnr_db() - nearest.psnr_db(),
-            ldi.psnr_db() - nearest.psnr_db(),
+            better_or_worse(live.psnr_db() - nearest.psnr_db()),
+            better_or_worse(ldi.psnr_db() - nearest.psnr_db()),
             percent(ldi.mean(|row| row.covered)),
             percent(nearest.mean(|row| row.covered)),
             self.commit,
@@ -465,4 +465,13 @@ impl ImagesReport {
         }
         table
     }
+}
+/// Describes a difference in PSNR, dB.
+fn better_or_worse(difference_db: f64) -> String {
+    let which = if difference_db < 0.0 {
+        "worse"
+    } else {
+        "better"
+    };
+    format!("{:.2} dB {which}", difference_db.abs())
 }
