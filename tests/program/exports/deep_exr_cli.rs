@@ -85,7 +85,7 @@ fn deep_pixels_and_flat_layers_make_the_frame() {
     let pixels = || (0..FACE_PX).flat_map(|y| (0..FACE_PX).map(move |x| (x, y)));
     let below = pixels().map(|(x, y)| DeepImage::composite(&[&all], x, y + 5 * FACE_PX));
     let off = share_off(below, &frame);
-    assert!(off < 0.05, "{off}");
+    assert!(off < 0.07, "{off}");
     for (flag, value) in [("--quality", "good"), ("--rays", "3"), ("--exposure", "1")] {
         let said = format!("{flag} has no meaning for a deep picture; leave it out");
         fails(
