@@ -7,7 +7,7 @@
 //! Radiance beyond a light sample's first ray is shared by all light samples of a round that arrive
 //! in one cell of space ([`Arrival`]). Sunlight is sampled by [`super::sunlight`].
 
-use super::beyond::{PartialSample, SampledRow};
+use super::cell_radiance::{PartialSample, SampledRow};
 use super::pool::{
     BlockSurvey, BlockWindows, Blocks, ClassStatistics, GatheredLight, NormalGradients,
     PooledLight, Pooling,

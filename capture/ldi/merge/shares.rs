@@ -1,8 +1,8 @@
 //! Shares of a pixel that the surfaces of a cluster cover.
 //!
-//! How many rays met a surface in a pixel is random. Where two surfaces of different colours meet,
-//! their mean would vary from pixel to pixel, and a thin strip would be dashed. There, rays from the
-//! centre measure the shares.
+//! The number of rays that met a surface in a pixel is random. Where two surfaces of different
+//! colours meet, their mean would vary from pixel to pixel, and a thin strip would be dashed. So
+//! rays from the centre measure the shares there.
 
 use super::centre_rays::CentreRays;
 use crate::accumulate::accumulator::Accumulator;

@@ -3,8 +3,8 @@
 //! Rays are random. The last few depth pixels of a wall are found late, after thousands of rays for
 //! each, and a missing one is a speck through which the background shows (docs/decisions/0017).
 //! Where both neighbours of a pixel lie on one surface and the pixel itself has no sample of it,
-//! rays from the centre, limited to the depth where the surface must be, search for it. The first hit
-//! becomes a surface sample like any other.
+//! rays from the centre, limited to the depth where the surface must be, search for it. The first
+//! hit becomes a surface sample like any other.
 
 use super::surface_samples::FaceSurfaces;
 use crate::accumulate::accumulator::{Accumulator, Sample, to_unorm16};

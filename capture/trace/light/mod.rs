@@ -128,9 +128,10 @@ impl LitPoint {
         x | y << 3 | z << 6
     }
 
-    /// Returns the gradient, by the shading normal, of the luminance of `light`, a sample of radiosity
-    /// per albedo that arrives along the unit `direction` (Ward and Heckbert 1992, "Irradiance
-    /// gradients", the rotational one). Zero where the shading normal is the geometric one.
+    /// Returns the gradient, by the shading normal, of the luminance of `light`: a sample of
+    /// radiosity per albedo that arrives along the unit `direction` (Ward and Heckbert 1992,
+    /// "Irradiance gradients", the rotational one). Zero where the shading normal is the geometric
+    /// one.
     pub fn normal_gradient(&self, light: Vec3, direction: Vec3) -> Vec3 {
         /// Minimum cosine by which light is divided: samples near the horizon are rare and would
         /// dominate.

@@ -1,11 +1,11 @@
 //! Correction of pooled light for shading normals that vary over a window.
 //!
 //! The samples of a facet of a smoothly shaded surface have different shading normals, and their
-//! mean light would make the facet look flat. The gradient of irradiance by the shading normal (Ward
-//! and Heckbert 1992, "Irradiance gradients") varies slowly, too, and is measured by the same light
-//! samples. It gives the irradiance at each shading normal as a factor of that at the facet's plane
-//! normal. Gathered light is divided by the factor, pooled as on a flat surface, and multiplied by it
-//! again.
+//! mean light would make the facet look flat. The gradient of irradiance by the shading normal
+//! (Ward and Heckbert 1992, "Irradiance gradients") varies slowly, too, and is measured by the same
+//! light samples. It gives the irradiance at each shading normal as a factor of that at the facet's
+//! plane normal. Gathered light is divided by the factor and pooled as on a flat surface, and the
+//! pooled light is multiplied by it.
 
 use super::block_windows::{BlockWindows, WindowReader};
 use super::blocks::{BlockMembership, Blocks};

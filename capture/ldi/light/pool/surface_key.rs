@@ -54,8 +54,8 @@ impl SurfaceKey {
     }
 }
 
-/// Returns true if two samples lie on one side of one plane of one material: normals within 4 degrees, planes no
-/// farther apart than a thousandth of their distance from the centre.
+/// Returns true if two samples lie on one side of one plane of one material: normals within 4
+/// degrees, planes no farther apart than a thousandth of their distance from the centre.
 pub(crate) fn same_surface(a: &SurfaceSample, b: &SurfaceSample) -> bool {
     SurfaceKey::new(a).is_same(&SurfaceKey::new(b))
 }

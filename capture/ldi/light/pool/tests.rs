@@ -65,8 +65,8 @@ fn pool_wall(noise: f32, light: impl Fn(u32) -> f32, nearness: impl Fn(u32) -> f
 
 #[test]
 fn light_is_shared_on_a_surface_only() {
-    // In each pixel two samples of a wall whose light alternates, one of a material of its own, and a
-    // step in front of the wall.
+    // In each pixel two samples of a wall whose light alternates, one of a material of its own, and
+    // a step in front of the wall.
     let pixel_samples = |p: u32| {
         let step = (
             sample_on_plane(1, 5.1 + 0.1 * p as f32),
