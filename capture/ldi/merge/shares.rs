@@ -149,6 +149,9 @@ mod tests {
             let mut spec = CaptureSpec::new(SceneSource::new("wall"), DVec3::ZERO, 0.5);
             spec.face_size_px = SIZE;
             spec.parameters.light_samples = 0;
+            // About nine rays for each pixel, as in default captures.
+            (spec.parameters.strata, spec.parameters.rays_per_stratum) = (16, 8);
+            spec.parameters.novelty = 0.0;
             let options = RunOptions::default();
             let capture = SceneCapture::new(&spec, &tracer, &lighting, &options);
             let cube = capture.run().expect("no file").0;
