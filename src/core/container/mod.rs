@@ -56,7 +56,7 @@ impl FileKind {
     /// `.ldi`
     pub const CUBE_LDI: Self = Self::new(*b"cldi", "cube LDI", 1, 3);
     /// `.shard`
-    pub const SHARD: Self = Self::new(*b"shrd", "capture shard", 1, 1);
+    pub const SHARD: Self = Self::new(*b"shrd", "capture shard", 2, 2);
     /// `.sprite`
     pub const SPRITES: Self = Self::new(*b"sprt", "sprite", 1, 2);
     /// `.house`
