@@ -24,8 +24,7 @@ const FACE_PX: u32 = 96;
 /// Minimum ratio of the capture's face size to the rehearsal's.
 const REDUCTION: u32 = 4;
 
-/// Time of a ray of the capture, as a share of one in the rehearsal: its accumulators do not fit
-/// into caches, but its threads end shortly after they start.
+/// Time of a ray of the capture, as a multiple of one in the rehearsal (docs/decisions/0019).
 const RAY_SHARE: f64 = 1.05;
 
 /// Factor and power of the face size by which the time for light, merging and packing grows: on
