@@ -97,6 +97,15 @@ impl FileKind {
     }
 }
 
+/// Suggests what to do about a file of another version.
+fn advice_for_version(found: u32, expected: u32) -> &'static str {
+    if found > expected {
+        "update headbox"
+    } else {
+        "create the file again"
+    }
+}
+
 /// Suggests how a foreign file can be used.
 fn advice_for(path: &Path) -> String {
     // The file is written to the current folder: that of the scene may be read-only.
@@ -157,7 +166,7 @@ pub enum FileError {
         found: String,
     },
     /// Unsupported version.
-    #[error("{}: version {found} of the {kind} format; this program reads version {expected}", path.display())]
+    #[error("{}: version {found} of the {kind} format; this program reads version {expected}: {}", path.display(), advice_for_version(*found, *expected))]
     Version {
         /// The file.
         path: PathBuf,

@@ -93,8 +93,16 @@ fn errors_name_the_file_and_the_expectation() {
     assert!(
         message.contains("a.test")
             && message.contains("version 3")
-            && message.contains("reads version 4")
+            && message.contains("reads version 4: create the file again"),
+        "{message}"
     );
+    let older = FileKind {
+        version: 2,
+        oldest: 1,
+        ..KIND
+    };
+    let message = Container::open(&path, older).err().unwrap().to_string();
+    assert!(message.contains("version 2: update headbox"), "{message}");
     let newer = FileKind {
         version: 4,
         oldest: 3,
