@@ -1,5 +1,6 @@
 //! Resolving of sums: the mean colour of a surface, and the blend of surfaces behind one another.
 
+use super::surroundings;
 use crate::render::canvas::linear::LinearLight;
 use crate::render::footprint::tent::ONE;
 use fearless_simd::{Simd, SimdCvtFloat, SimdCvtTruncate, f32x8, prelude::*, u32x8};
@@ -22,15 +23,18 @@ const _: () = assert!(OPAQUE < ONE, "a complete surface is opaque");
 
 /// Sums of red, green and blue times weight, and of weight, for the pixels of a block. Integers, so
 /// that the order of additions does not matter. A pixel can hold 131,000 splats of weight 1; where
-/// many samples share one, each weighs down to a 28th of that.
+/// many samples share one, each weighs down to a 28th of that. The weight has the bits of
+/// [`surroundings`].
 pub(super) type Sums = [[u32; BLOCK]; 4];
 
 pub(super) const NO_SUMS: Sums = [[0; BLOCK]; 4];
 
 /// Computes mean colour and coverage, 0..255, for the pixels of a block; 0 where the weight is 0.
+/// Among the samples of a surface, half of the weight covers a pixel.
 #[inline(always)]
 pub(super) fn means<S: Simd>(simd: S, sums: &Sums) -> u32x8<S> {
-    let integer_weight = u32x8::load_array(simd, sums[3]);
+    let bits = u32x8::load_array(simd, sums[3]);
+    let integer_weight = bits & !surroundings::MASK;
     let weight = f32x8::float_from(integer_weight);
     let reciprocal = f32x8::splat(simd, 1.0) / weight.max(1.0);
     let red = mean(simd, &sums[0], reciprocal);
@@ -39,6 +43,7 @@ pub(super) fn means<S: Simd>(simd: S, sums: &Sums) -> u32x8<S> {
     let proportional = weight * (255.0 / ONE as f32);
     let ramp = 255.0 - (OPAQUE as f32 - weight) * RAMP;
     let share = u32x8::truncate_from(proportional.max(ramp).min(255.0) + 0.5);
+    let share = (share << surroundings::are_surrounded(simd, bits)).min(255);
     let color = red | (green << 8) | (blue << 16) | (share << 24);
     integer_weight
         .simd_eq(0)

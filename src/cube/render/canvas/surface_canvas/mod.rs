@@ -7,10 +7,12 @@
 //! mean of its splats, as in bilinear interpolation. Where it leaves part of the pixel open, the
 //! next surface behind it is visible, and behind that everything else. Splats are queued in tiles
 //! (`tile_splat`) until a band is complete; then each tile is peeled (`peel`) and resolved
-//! (`mean`): docs/decisions/0049.
+//! (`mean`): docs/decisions/0049. Pixels among the samples of a surface are covered
+//! (`surroundings`).
 
 mod mean;
 mod peel;
+mod surroundings;
 #[cfg(test)]
 mod tests;
 mod tile_splat;
@@ -27,7 +29,7 @@ use fearless_simd::{Level, Simd, dispatch};
 use mean::BLOCK;
 use peel::Peel;
 use std::ops::Range;
-use tile_splat::{TILE_ROWS, TileSplat};
+use tile_splat::{SplatKind, TILE_ROWS, TileSplat};
 
 /// Canvas of tents, averaged per surface.
 #[derive(Default)]
@@ -83,13 +85,20 @@ impl SurfaceCanvas {
             let [left, right] = [columns.start, columns.end - 1]
                 .map(|column| column.cast_unsigned() as usize / BLOCK);
             let rows = [rows.start, rows.end].map(|row| (row - first_row).cast_unsigned() as usize);
+            let [r, g, b, alpha] = splats.color[i].to_ne_bytes();
+            let kind = if alpha == u8::MAX {
+                SplatKind::Opaque
+            } else {
+                SplatKind::Translucent
+            };
             for down in rows[0] / TILE_ROWS..(rows[1] - 1) / TILE_ROWS + 1 {
                 let top = down * TILE_ROWS;
                 let mut tile_splat = TileSplat {
                     across: [0; 2],
                     down: self.tents.rows.starting_at(i, top as i32 + first_row),
                     peak: self.tents.peak[i],
-                    color: splats.color[i].to_ne_bytes(),
+                    color: [r, g, b],
+                    kind,
                     inverse_depth: splats.inverse_depth[i],
                     rows: rows.map(|row| row.clamp(top, top + TILE_ROWS) as u16 - top as u16),
                 };
@@ -201,11 +210,13 @@ impl Canvas for SurfaceCanvas {
             let [column, row] = rim.pixel.map(|line| line as usize);
             let tile_column = (column % BLOCK) as i32;
             let tile_row = (row % TILE_ROWS) as i32;
+            let [r, g, b, alpha] = rim.color;
             let tile_splat = TileSplat {
                 across: [-tile_column * tent::TOP, tent::TOP],
                 down: [-tile_row * tent::TOP, tent::TOP],
-                peak: (u32::from(rim.color[3]) * ONE * PEAK_STEPS + 127) / 255,
-                color: rim.color,
+                peak: (u32::from(alpha) * ONE * PEAK_STEPS + 127) / 255,
+                color: [r, g, b],
+                kind: SplatKind::Rim,
                 inverse_depth: rim.inverse_depth.max(0.0),
                 rows: [tile_row as u16, tile_row as u16 + 1],
             };

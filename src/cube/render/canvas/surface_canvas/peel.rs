@@ -5,7 +5,8 @@
 //! does not matter, and no step branches per pixel.
 
 use super::mean::{BLOCK, NO_SUMS, Sums, blend_surfaces, means};
-use super::tile_splat::{TILE_ROWS, TileSplat, weights};
+use super::surroundings;
+use super::tile_splat::{TILE_ROWS, TileSplat, heights, weights};
 use crate::render::canvas::Tolerance;
 use crate::render::canvas::linear::LinearLight;
 use crate::render::footprint::tent::ONE;
@@ -65,7 +66,10 @@ impl RowMask {
 #[derive(Clone, Copy)]
 #[repr(C, align(64))]
 struct TentSpan {
+    /// With the [`surroundings::column_bits`].
     weights: [u32; BLOCK],
+    /// See [`surroundings::row_bits`].
+    row_bits: u32,
     color: [u32; 3],
     inverse_depth: f32,
     /// See [`Tolerance::reach`].
@@ -76,19 +80,23 @@ struct TentSpan {
 
 const NO_SPAN: TentSpan = TentSpan {
     weights: [0; BLOCK],
+    row_bits: 0,
     color: [0; 3],
     inverse_depth: NOWHERE,
     reach: NOWHERE,
     row: 0,
 };
 
-/// One row of a tile.
+/// One row of a tile. Aligned so that no register is loaded from two cache lines.
 #[derive(Clone, Copy)]
+#[repr(C, align(64))]
 struct TileRow {
     /// Inverse depth of the front surface: the maximum.
     front: [f32; BLOCK],
     /// Inverse depth of the second surface.
     second: [f32; BLOCK],
+    /// Weights of the front surface, when `sums` has those of the second.
+    front_weights: [u32; BLOCK],
     /// Sums of the front surface, later of the second.
     sums: Sums,
     /// Sums of everything behind the second surface.
@@ -104,6 +112,7 @@ struct TileRow {
 const EMPTY: TileRow = TileRow {
     front: [0.0; BLOCK],
     second: [NOWHERE; BLOCK],
+    front_weights: [0; BLOCK],
     sums: NO_SUMS,
     rest: NO_SUMS,
     background: [0; BLOCK],
@@ -193,16 +202,26 @@ impl Peel {
         for splat in splats {
             let inverse_depth = splat.inverse_depth;
             let reach = tolerance.reach(inverse_depth);
-            let color = [0, 1, 2].map(|channel| u32::from(splat.color[channel]));
-            let column_heights = splat.column_heights(simd);
+            let color = splat.color.map(u32::from);
+            let column_distances = splat.column_distances(simd);
+            let column_heights = heights(simd, column_distances);
+            let column_bits = surroundings::column_bits(simd, splat.kind, column_distances);
             let q = f32x8::splat(simd, inverse_depth);
             let [mut first, end] = splat.rows.map(usize::from);
             while first < end {
-                let row_heights = splat.row_heights(simd, first).to_array();
-                for (row, height) in (first..end).zip(row_heights) {
+                let row_distances = splat.row_distances(simd, first);
+                let row_heights = splat.row_heights(simd, row_distances).to_array();
+                let row_bits = surroundings::row_bits(simd, row_distances).to_array();
+                for i in 0..BLOCK {
+                    let row = first + i;
+                    if row >= end {
+                        break;
+                    }
                     let Some(span) = spans.next() else { return };
-                    let weight = weights(column_heights, height);
-                    weight.store_array(&mut span.weights);
+                    let weight = weights(column_heights, row_heights[i]);
+                    let bits = is_positive(weight).select(column_bits, u32x8::splat(simd, 0));
+                    (weight | bits).store_array(&mut span.weights);
+                    span.row_bits = row_bits[i];
                     span.color = color;
                     span.row = row as u32;
                     span.inverse_depth = inverse_depth;
@@ -228,12 +247,7 @@ impl Peel {
             let row = &mut self.rows[span.row as usize % TILE_ROWS];
             let weight = u32x8::load_array(simd, span.weights);
             let on_front = f32x8::load_array(simd, row.front).simd_le(span.reach);
-            add(
-                simd,
-                &mut row.sums,
-                on_front.select(weight, zero),
-                &span.color,
-            );
+            add(simd, &mut row.sums, on_front.select(weight, zero), span);
             let behind = is_positive(weight) & !on_front;
             let q = behind.select(f32x8::splat(simd, span.inverse_depth), nowhere);
             f32x8::load_array(simd, row.second)
@@ -262,18 +276,8 @@ impl Peel {
             }
             let weight = behind.select(u32x8::load_array(simd, span.weights), zero);
             let on_second = second.simd_le(span.reach);
-            add(
-                simd,
-                &mut row.sums,
-                on_second.select(weight, zero),
-                &span.color,
-            );
-            add(
-                simd,
-                &mut row.rest,
-                on_second.select(zero, weight),
-                &span.color,
-            );
+            add(simd, &mut row.sums, on_second.select(weight, zero), span);
+            add(simd, &mut row.rest, on_second.select(zero, weight), span);
         }
     }
 }
@@ -343,6 +347,7 @@ impl TileRow {
         if !is_open.any_true() {
             return false;
         }
+        self.front_weights = self.sums[3];
         let q = f32x8::load_array(simd, self.background_depth);
         let reach = tolerance.background_reach(q);
         let behind = is_open & q.simd_ge(0.0) & front.simd_gt(reach);
@@ -352,7 +357,8 @@ impl TileRow {
         true
     }
 
-    /// Blends the front surface with the surfaces behind it.
+    /// Blends the front surface with the surfaces behind it. The second one covers what the front
+    /// leaves of pixels that lie among the samples of both.
     #[inline(always)]
     fn blend<S: Simd>(&mut self, simd: S, light: &LinearLight) {
         let mut open = f32x8::load_array(simd, self.second)
@@ -366,27 +372,33 @@ impl TileRow {
         while open != 0 {
             let i = open.trailing_zeros() as usize;
             open &= open - 1;
-            let surfaces = [self.colors[i], second[i], rest[i]].map(u32::to_le_bytes);
+            let mut surfaces = [self.colors[i], second[i], rest[i]].map(u32::to_le_bytes);
+            if surroundings::is_surrounded(self.front_weights[i] | self.sums[3][i]) {
+                surfaces[1][3] = 255;
+            }
             self.colors[i] = u32::from_le_bytes(blend_surfaces(surfaces, light));
         }
     }
 }
 
-/// Returns the lanes with weight > 0.
+/// Returns the lanes with weight > 0, with or without bits of [`surroundings`].
 #[inline(always)]
 fn is_positive<S: Simd>(weight: u32x8<S>) -> mask32x8<S> {
     let weight: i32x8<S> = weight.bitcast();
     weight.simd_gt(0)
 }
 
-/// Adds a colour times weights, and the weights.
+/// Adds the colour of a span times weights, and the weights; combines the bits of [`surroundings`].
 #[inline(always)]
-fn add<S: Simd>(simd: S, sums: &mut Sums, weight: u32x8<S>, [red, green, blue]: &[u32; 3]) {
+fn add<S: Simd>(simd: S, sums: &mut Sums, weight: u32x8<S>, span: &TentSpan) {
     let [reds, greens, blues, weights] = sums;
-    (u32x8::load_array(simd, *reds) + weight * *red).store_array(reds);
-    (u32x8::load_array(simd, *greens) + weight * *green).store_array(greens);
-    (u32x8::load_array(simd, *blues) + weight * *blue).store_array(blues);
-    (u32x8::load_array(simd, *weights) + weight).store_array(weights);
+    let [red, green, blue] = span.color;
+    let bits = weight & span.row_bits;
+    let weight = weight & !surroundings::MASK;
+    (u32x8::load_array(simd, *reds) + weight * red).store_array(reds);
+    (u32x8::load_array(simd, *greens) + weight * green).store_array(greens);
+    (u32x8::load_array(simd, *blues) + weight * blue).store_array(blues);
+    ((u32x8::load_array(simd, *weights) + weight) | bits).store_array(weights);
 }
 
 /// Returns sums of the background in some lanes, as of a splat of weight 1.

@@ -2,7 +2,7 @@
 
 use super::mean::{BLOCK, OPAQUE, RAMP_START, blend_surfaces};
 use super::peel::{BACKGROUND_TOLERANCE, Peel, RowMask};
-use super::tile_splat::{TILE_ROWS, TileSplat};
+use super::tile_splat::{SplatKind, TILE_ROWS, TileSplat};
 use super::{Canvas, Splats, SurfaceCanvas, Tents, Tolerance};
 use crate::render::canvas::linear::LinearLight;
 use crate::render::footprint::tent::{ONE, PEAK_STEPS, TOP};
@@ -38,19 +38,55 @@ fn peel_tile(
     (touched, rows)
 }
 
-/// A splat in one pixel: weight, colour and inverse depth.
-type PixelSplat = (u32, [u8; 3], f32);
+/// A splat in one pixel: weight, colour and inverse depth, and where it lies.
+type PixelSplat = (u32, [u8; 3], f32, Option<Place>);
+
+/// Where a splat lies as seen from a pixel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Place {
+    Quadrant { is_left: bool, is_above: bool },
+    Rim,
+}
+
+/// Returns the place of a splat of a kind. `across`, `down`: position of the pixel from its centre.
+fn place(kind: SplatKind, across: i32, down: i32) -> Option<Place> {
+    match kind {
+        SplatKind::Translucent => None,
+        SplatKind::Rim => Some(Place::Rim),
+        SplatKind::Opaque => Some(Place::Quadrant {
+            is_left: across > 0,
+            is_above: down > 0,
+        }),
+    }
+}
+
+/// Returns true if splats are in all quadrants around a pixel, or in two that touch if it is a rim.
+fn is_surrounded(splats: &[PixelSplat]) -> bool {
+    let has = |is_left, is_above| {
+        let place = Some(Place::Quadrant { is_left, is_above });
+        splats.iter().any(|splat| splat.3 == place)
+    };
+    let is_rim = splats.iter().any(|splat| splat.3 == Some(Place::Rim));
+    let side = |is_first| {
+        (
+            has(is_first, false) && has(is_first, true),
+            has(false, is_first) && has(true, is_first),
+        )
+    };
+    let [(left, above), (right, below)] = [side(true), side(false)];
+    left && right || is_rim && (left || right || above || below)
+}
 
 /// Returns the mean of splats, and their coverage, 0..255.
 fn mean(splats: &[PixelSplat]) -> [u8; 4] {
-    let weight: u32 = splats.iter().map(|(weight, ..)| weight).sum();
+    let weight: u32 = splats.iter().map(|splat| splat.0).sum();
     if weight == 0 {
         return [0; 4];
     }
     let channel = |i: usize| {
         let sum: f64 = splats
             .iter()
-            .map(|(weight, color, _)| f64::from(*weight) * f64::from(color[i]))
+            .map(|(weight, color, ..)| f64::from(*weight) * f64::from(color[i]))
             .sum();
         (sum / f64::from(weight)).round() as u8
     };
@@ -64,6 +100,11 @@ fn mean(splats: &[PixelSplat]) -> [u8; 4] {
         }
     };
     let share = (share * 255.0).round() as u8;
+    let share = if is_surrounded(splats) {
+        share.saturating_mul(2)
+    } else {
+        share
+    };
     [channel(0), channel(1), channel(2), share]
 }
 
@@ -79,33 +120,38 @@ fn expected_pixel(
     background: Option<([u8; 3], f32)>,
 ) -> ([u8; 4], f32) {
     let splats = splats.into_iter().map(|splat| (splat, TOLERANCE.relative));
-    let background =
-        background.map(|(color, q)| ((ONE, color, q), TOLERANCE.relative * BACKGROUND_TOLERANCE));
+    let background = background.map(|(color, q)| {
+        let relative = TOLERANCE.relative * BACKGROUND_TOLERANCE;
+        ((ONE, color, q, None), relative)
+    });
     let mut remaining: Vec<(PixelSplat, f32)> = splats
         .chain(background)
         .filter(|((weight, ..), _)| *weight > 0)
         .collect();
     let mut surfaces = [[0; 4]; 3];
-    let nearest =
-        |splats: &[(PixelSplat, f32)]| splats.iter().map(|((.., q), _)| *q).fold(-1.0, f32::max);
-    let mean_color = |splats: Vec<(PixelSplat, f32)>| {
-        mean(
-            &splats
-                .into_iter()
-                .map(|(splat, _)| splat)
-                .collect::<Vec<_>>(),
-        )
+    let nearest = |splats: &[(PixelSplat, f32)]| {
+        let inverse_depths = splats.iter().map(|(splat, _)| splat.2);
+        inverse_depths.fold(-1.0, f32::max)
+    };
+    let without_tolerance = |splats: Vec<(PixelSplat, f32)>| -> Vec<PixelSplat> {
+        splats.into_iter().map(|(splat, _)| splat).collect()
     };
     let front = nearest(&remaining).max(0.0);
-    for surface in &mut surfaces[..2] {
+    let mut nearer: Vec<PixelSplat> = Vec::new();
+    for (i, surface) in surfaces[..2].iter_mut().enumerate() {
         let nearest = nearest(&remaining);
-        let (on_surface, behind) = remaining
+        let (on_surface, behind): (Vec<_>, Vec<_>) = remaining
             .into_iter()
-            .partition(|((.., q), relative)| nearest <= reach(*q, *relative));
-        *surface = mean_color(on_surface);
+            .partition(|((_, _, q, _), relative)| nearest <= reach(*q, *relative));
+        let on_surface = without_tolerance(on_surface);
+        nearer.extend(&on_surface);
+        *surface = mean(&on_surface);
+        if i == 1 && !on_surface.is_empty() && is_surrounded(&nearer) {
+            surface[3] = 255;
+        }
         remaining = behind;
     }
-    surfaces[2] = mean_color(remaining);
+    surfaces[2] = mean(&without_tolerance(remaining));
     (blend_surfaces(surfaces, LinearLight::tables()), front)
 }
 
@@ -145,13 +191,16 @@ fn random_splats(random: &mut Rng, count: usize) -> Vec<TileSplat> {
         };
         let (across, _) = profile(BLOCK as f64);
         let (down, rows) = profile(TILE_ROWS as f64);
-        let color = [0; 4].map(|_: u8| (uniform() * 256.0) as u8);
+        let color = [0; 3].map(|_: u8| (uniform() * 256.0) as u8);
+        let kinds = [SplatKind::Translucent, SplatKind::Opaque, SplatKind::Rim];
+        let kind = kinds[(uniform() * 3.0) as usize];
         let inverse_depth = ((uniform() * 4.0).floor() + 1.0 + 0.03 * uniform()) as f32;
         TileSplat {
             across,
             down,
             peak: (uniform() * f64::from(ONE * PEAK_STEPS)) as u32,
             color,
+            kind,
             inverse_depth,
             rows,
         }
@@ -188,8 +237,19 @@ fn tiles_match_definition_in_any_order() {
             for (row, (colors, inverse_depths)) in touched.rows().zip(&rows) {
                 for i in 0..BLOCK {
                     let pixel_splats = splats.iter().map(|splat| {
-                        let [r, g, b, _] = splat.color;
-                        (weight(splat, i, row), [r, g, b], splat.inverse_depth)
+                        let position =
+                            |[first, step]: [i32; 2], line: usize| first + line as i32 * step;
+                        let place = place(
+                            splat.kind,
+                            position(splat.across, i),
+                            position(splat.down, row),
+                        );
+                        (
+                            weight(splat, i, row),
+                            splat.color,
+                            splat.inverse_depth,
+                            place,
+                        )
                     });
                     let opaque = background
                         .filter(|rows| rows[row].0[i][3] == 255)
@@ -224,12 +284,13 @@ fn tiles_match_definition_in_any_order() {
 struct FirstPixel(Vec<TileSplat>);
 
 impl FirstPixel {
-    fn add(&mut self, [r, g, b]: [u8; 3], weight: u32, inverse_depth: f32) {
+    fn add(&mut self, color: [u8; 3], weight: u32, inverse_depth: f32) {
         self.0.push(TileSplat {
             across: [0, TOP],
             down: [0, TOP],
             peak: weight * PEAK_STEPS,
-            color: [r, g, b, 255],
+            color,
+            kind: SplatKind::Translucent,
             inverse_depth,
             rows: [0, 1],
         });
@@ -264,6 +325,65 @@ fn surfaces_are_blended_in_depth_order() {
     assert_eq!(pixel.color(), [250, 0, 0, 255]);
 }
 
+/// A red splat of a sixth of the weight in each of the given quadrants around the pixel in column and row 1,
+/// and perhaps a red rim in it, before blue.
+fn share_of_red(quadrants: &[[i32; 2]], kind: SplatKind, has_rim: bool) -> [u8; 4] {
+    let splat = |center: [i32; 2], kind, color, weight, inverse_depth| {
+        let profile = |center: i32| [(-1 - center) * TOP / 4, TOP / 4];
+        TileSplat {
+            across: profile(center[0]),
+            down: profile(center[1]),
+            peak: weight * PEAK_STEPS,
+            color,
+            kind,
+            inverse_depth,
+            rows: [0, 3],
+        }
+    };
+    let red = [250, 0, 0];
+    let mut splats = vec![splat([0, 0], SplatKind::Translucent, [0, 0, 250], ONE, 1.0)];
+    splats.extend(
+        quadrants
+            .iter()
+            .map(|quadrant| splat(*quadrant, kind, red, 40, 2.0)),
+    );
+    if has_rim {
+        splats.push(splat([0, 0], SplatKind::Rim, red, 40, 2.0));
+    }
+    peel_tile(simd::level(), &splats, None).1[1].0[1].to_le_bytes()
+}
+
+#[test]
+fn pixels_among_samples_of_a_surface_are_covered() {
+    let corners = [[-1, -1], [1, -1], [-1, 1], [1, 1]];
+    let red = [250, 0, 0, 255];
+    let opaque = |quadrants: &[[i32; 2]], has_rim| {
+        share_of_red(quadrants, SplatKind::Opaque, has_rim) == red
+    };
+    assert!(opaque(&corners, false));
+    for i in 0..4 {
+        let without = corners.into_iter().enumerate().filter(|(k, _)| *k != i);
+        let without: Vec<_> = without.map(|(_, corner)| corner).collect();
+        assert!(!opaque(&without, false) && opaque(&without, true), "{i}");
+    }
+    for [i, k] in [[0, 1], [2, 3], [0, 2], [1, 3]] {
+        assert!(
+            opaque(&[corners[i], corners[k]], true),
+            "a rim beside {i} and {k}"
+        );
+    }
+    for [i, k] in [[0, 3], [1, 2]] {
+        assert!(
+            !opaque(&[corners[i], corners[k]], true),
+            "a rim between {i} and {k}"
+        );
+    }
+    assert!(
+        share_of_red(&corners, SplatKind::Translucent, false) != red,
+        "leaves stay thin"
+    );
+}
+
 #[test]
 fn many_splats_of_one_colour_keep_it() {
     for weight in [1, 3, 37, ONE] {
@@ -283,44 +403,53 @@ fn splats_at_tolerance_belong_to_surface() {
     let half = OPAQUE / 2;
     let quarter = half / 2;
     let [red, green, blue] = [[250, 0, 0], [0, 250, 0], [0, 0, 250]];
-    let front_splats = [(quarter, red, splat_reach(1.0)), (quarter, blue, 1.0)];
+    let front_splats = [
+        (quarter, red, splat_reach(1.0), None),
+        (quarter, blue, 1.0, None),
+    ];
     // The nearer of two surfaces slightly within the tolerance, at it, and slightly beyond.
     let around = |border: f32| [border.next_down(), border, border.next_up()];
     // Splats, and the inverse depth of the background, negative for none.
-    let mut cases: Vec<(Vec<PixelSplat>, f32)> =
-        vec![([&front_splats[..], &[(ONE, green, 0.0)]].concat(), 0.5)];
+    let mut cases: Vec<(Vec<PixelSplat>, f32)> = vec![(
+        [&front_splats[..], &[(ONE, green, 0.0, None)]].concat(),
+        0.5,
+    )];
     for q in [0.5, 0.01] {
         for front in around(splat_reach(q)) {
             cases.push((
-                vec![(half, red, 2.0), (half, green, front), (half, blue, q)],
+                vec![
+                    (half, red, 2.0, None),
+                    (half, green, front, None),
+                    (half, blue, q, None),
+                ],
                 -1.0,
             ));
             cases.push((
                 [
                     &front_splats[..],
-                    &[(half, red, front), (quarter, green, q)],
+                    &[(half, red, front, None), (quarter, green, q, None)],
                 ]
                 .concat(),
                 -1.0,
             ));
         }
         for front in around(background_reach(q)) {
-            cases.push((vec![(half, red, 2.0), (half, green, front)], q));
-            cases.push((vec![(half, green, front)], q));
+            cases.push((vec![(half, red, 2.0, None), (half, green, front, None)], q));
+            cases.push((vec![(half, green, front, None)], q));
         }
     }
     for q in [0.0, 0.01] {
         cases.extend([
-            (vec![(half, red, 1.0), (half, blue, q)], -1.0),
-            (vec![(half, red, 1.0)], q),
-            (vec![(quarter, red, q)], q),
-            (vec![(half, red, q), (quarter, blue, 0.0)], -1.0),
+            (vec![(half, red, 1.0, None), (half, blue, q, None)], -1.0),
+            (vec![(half, red, 1.0, None)], q),
+            (vec![(quarter, red, q, None)], q),
+            (vec![(half, red, q, None), (quarter, blue, 0.0, None)], -1.0),
         ]);
     }
     let color = [0, 130, 130];
     for (splats, q) in cases {
         let mut pixel = FirstPixel::default();
-        for (weight, color, q) in &splats {
+        for (weight, color, q, _) in &splats {
             pixel.add(*color, *weight, *q);
         }
         let mut background: TileBackground = [([[0; 4]; BLOCK], [-1.0; BLOCK]); TILE_ROWS];
@@ -387,10 +516,15 @@ fn tents_are_drawn_in_every_tile_that_they_touch() {
             });
             let height = |[distance, _]: [i32; 2]| (TOP - distance.abs()).max(0).cast_unsigned();
             let splat = |i: usize| {
-                let peak = (tents.peak[i] * height(tents.rows.starting_at(i, y))) >> 15;
-                let weight = (peak * height(tents.columns.starting_at(i, x)) + (1 << 23)) >> 24;
+                let [across, down] = [
+                    tents.columns.starting_at(i, x),
+                    tents.rows.starting_at(i, y),
+                ];
+                let peak = (tents.peak[i] * height(down)) >> 15;
+                let weight = (peak * height(across) + (1 << 23)) >> 24;
                 let [r, g, b, _] = splats.color[i].to_ne_bytes();
-                (weight, [r, g, b], splats.inverse_depth[i])
+                let place = place(SplatKind::Opaque, across[0], down[0]);
+                (weight, [r, g, b], splats.inverse_depth[i], place)
             };
             touching.map(splat).collect()
         };
