@@ -1,5 +1,6 @@
 //! Seeded camera path through every room, like the papers' path of 520 poses (R-N4).
 
+use super::route;
 use crate::house::House;
 use crate::portal_opening::{Opening, polygon_edges};
 use glam::{DVec2, DVec3};
@@ -57,7 +58,7 @@ impl WalkPath {
     /// # Errors
     /// [`CameraError`] if the size or the field of view is invalid.
     pub fn cameras(&self, house: &House) -> Result<Vec<Camera>, CameraError> {
-        let (line, _) = self.line(house.plan());
+        let (line, _) = self.line(house);
         let Some(first) = line.first() else {
             return Ok(Vec::new());
         };
@@ -109,7 +110,7 @@ impl WalkPath {
 
     /// Returns the length of the walk, metres.
     pub fn length_m(&self, house: &House) -> f64 {
-        let (line, _) = self.line(house.plan());
+        let (line, _) = self.line(house);
         line.windows(2)
             .map(|pair| (pair[1] - pair[0]).length())
             .sum()
@@ -143,7 +144,7 @@ impl WalkPath {
     /// start, or they have no room to stand.
     pub fn unvisited<'a>(&self, house: &'a House) -> Vec<&'a str> {
         let plan = house.plan();
-        let (_, visited) = self.line(plan);
+        let (_, visited) = self.line(house);
         let cells = (0_u32..)
             .zip(&plan.cells)
             .filter(|(cell, _)| plan.outside != Some(*cell));
@@ -155,11 +156,11 @@ impl WalkPath {
 
     /// Returns the corners of the walk, world metres, and for each cell true if the walk enters it.
     /// The walk is a depth-first tour of the rooms and back, from the start that reaches the most
-    /// rooms.
-    fn line(&self, plan: &PortalModel) -> (Vec<DVec3>, Vec<bool>) {
-        let count = plan.cells.len();
+    /// rooms. It goes around walls and furniture as high as the eyes where it can.
+    fn line(&self, house: &House) -> (Vec<DVec3>, Vec<bool>) {
+        let count = house.plan().cells.len();
         let rooms: Vec<u32> = (0..count as u32)
-            .filter(|&cell| self.standing_point(plan, cell).is_some())
+            .filter(|&cell| self.standing_point(house, cell).is_some())
             .collect();
         let begin = self.random(0) as usize % rooms.len().max(1);
         let mut best = (Vec::new(), vec![false; count]);
@@ -171,7 +172,7 @@ impl WalkPath {
                 continue;
             }
             let mut walk = (Vec::new(), vec![false; count]);
-            self.tour(plan, start, &mut walk.1, &mut walk.0);
+            self.tour(house, start, &mut walk.1, &mut walk.0);
             for (seen, entered) in seen.iter_mut().zip(&walk.1) {
                 *seen |= entered;
             }
@@ -179,7 +180,8 @@ impl WalkPath {
                 best = walk;
             }
         }
-        best
+        let (stops, visited) = best;
+        (around_obstacles(house, &stops), visited)
     }
 
     /// Returns a random number of a stream.
@@ -187,33 +189,47 @@ impl WalkPath {
         random4([self.seed, stream, 0x7a1c, 0])[0]
     }
 
-    /// Appends a depth-first tour of the unvisited rooms from `start` and back to `line`.
-    fn tour(&self, plan: &PortalModel, start: u32, visited: &mut [bool], line: &mut Vec<DVec3>) {
+    /// Appends a depth-first tour of the unvisited rooms from `start` and back to `stops`.
+    fn tour(&self, house: &House, start: u32, visited: &mut [bool], stops: &mut Vec<Stop>) {
+        let plan = house.plan();
+        let stop = |point| Stop {
+            point,
+            cell: Some(start),
+        };
         visited[start as usize] = true;
-        line.extend(self.standing_point(plan, start));
+        stops.extend(self.standing_point(house, start).map(stop));
         let mut doors: Vec<(usize, u32)> = plan
             .portals_from(start)
             .filter(|&(_, next)| plan.outside != Some(next))
             .collect();
         doors.sort_by_key(|&(portal, _)| self.random(portal as u32 + 1));
         for (portal, next) in doors {
-            if visited[next as usize] || self.standing_point(plan, next).is_none() {
+            if visited[next as usize] || self.standing_point(house, next).is_none() {
                 continue;
             }
             let Some([here, middle, there]) = self.passage(plan, portal, start) else {
                 continue;
             };
-            line.extend([here, middle, there]);
-            self.tour(plan, next, visited, line);
-            line.extend([there, middle, here]);
-            line.extend(self.standing_point(plan, start));
+            let in_door = Stop {
+                point: middle,
+                cell: None,
+            };
+            let beyond = Stop {
+                point: there,
+                cell: Some(next),
+            };
+            stops.extend([stop(here), in_door, beyond]);
+            self.tour(house, next, visited, stops);
+            stops.extend([beyond, in_door, stop(here)]);
+            stops.extend(self.standing_point(house, start).map(stop));
         }
     }
 
     /// Returns a point of a cell at eye height: the mean of its largest prism's corners or, if that
-    /// is outside, the first midpoint of two corners inside. `None` for the outside.
-    fn standing_point(&self, plan: &PortalModel, cell: u32) -> Option<DVec3> {
-        let cell = plan.cells.get(cell as usize)?;
+    /// is outside or in a wall or furniture, the first midpoint of two corners that is not, or that
+    /// is inside at all. `None` for the outside.
+    fn standing_point(&self, house: &House, number: u32) -> Option<DVec3> {
+        let cell = house.plan().cells.get(number as usize)?;
         let area = |outline: &[DVec2]| {
             let twice: f64 = polygon_edges(outline).map(|(a, b)| a.perp_dot(b)).sum();
             twice.abs()
@@ -229,10 +245,14 @@ impl WalkPath {
         let between = corners
             .iter()
             .flat_map(|a| corners.iter().map(move |b| (*a + *b) / 2.0));
-        std::iter::once(middle)
+        let mut inside = std::iter::once(middle)
             .chain(between)
             .map(lift)
-            .find(|p| prism.contains(*p))
+            .filter(|p| prism.contains(*p));
+        let first = inside.next()?;
+        let is_free = |p: &DVec3| house.find_cell(*p) == Some(number);
+        let free = std::iter::once(first).chain(inside).find(is_free);
+        Some(free.unwrap_or(first))
     }
 
     /// Returns the points in front of, in and behind a door, from a cell; `None` for a window.
@@ -250,6 +270,39 @@ impl WalkPath {
             middle - opening.normal * APPROACH_M,
         ])
     }
+}
+
+/// A point of a walk.
+#[derive(Clone, Copy)]
+struct Stop {
+    point: DVec3,
+    /// Cell that contains the point; `None` in a door.
+    cell: Option<u32>,
+}
+
+/// Returns the points of a walk along some stops, around what stands between two of one cell.
+fn around_obstacles(house: &House, stops: &[Stop]) -> Vec<DVec3> {
+    let mut line: Vec<DVec3> = stops.first().map(|stop| stop.point).into_iter().collect();
+    for pair in stops.windows(2) {
+        let [from, to] = [pair[0], pair[1]];
+        if from.cell == to.cell
+            && let Some(bounds) = to.cell.and_then(|cell| floor_bounds(house, cell))
+        {
+            let ends = [from.point, to.point];
+            line.extend(route::corners(house.tracer(), ends, bounds));
+        }
+        line.push(to.point);
+    }
+    line
+}
+
+/// Returns the bounds of a cell in x and z, world metres.
+fn floor_bounds(house: &House, cell: u32) -> Option<[DVec2; 2]> {
+    let space = &house.plan().cells.get(cell as usize)?.space;
+    let mut corners = space.iter().flat_map(|prism| prism.outline.iter().copied());
+    let first = corners.next()?;
+    let widen = |[low, high]: [DVec2; 2], corner: DVec2| [low.min(corner), high.max(corner)];
+    Some(corners.fold([first; 2], widen))
 }
 
 /// Returns the opening of a door as seen from one of its cells, and the height of that cell's
