@@ -147,9 +147,14 @@ impl SpriteRange {
             let (parallax, moved) = last.map_or((0.0, 0.0), |place| {
                 (place.parallax_px, place.displacement_m)
             });
-            let name = variant.name();
+            let default = if *variant == SpriteVariant::default() {
+                " (default)"
+            } else {
+                ""
+            };
+            let name = format!("{}{default}", variant.name());
             format!(
-                "{name:<16} FLIP rises by less than {VISIBLE} up to {parallax:.1} px of parallax ({moved:.3} m)"
+                "{name:<20} FLIP rises by less than {VISIBLE} up to {parallax:.1} px of parallax ({moved:.3} m)"
             )
         };
         SpriteVariant::ALL

@@ -11,6 +11,7 @@ mod by_depth;
 mod order;
 mod polygon_raster;
 mod polygons;
+mod seen_sky;
 
 pub use polygons::{Polygons, PolygonsError, place};
 
@@ -19,7 +20,7 @@ use by_depth::{LayerImage, composite_by_depth};
 use glam::DVec3;
 use headbox_core::camera::Camera;
 use headbox_core::environment::Environment;
-use headbox_core::frame::Frame;
+use headbox_core::frame::{Coverage, Frame};
 use headbox_core::simd;
 use headbox_cube::pack::CubeLdi;
 use headbox_cube::render::canvas::linear::LinearLight;
@@ -28,6 +29,7 @@ use headbox_cube::render::{RenderSettings, Renderer};
 use order::CubePoints;
 use polygon_raster::PolygonRaster;
 use rayon::prelude::*;
+use seen_sky::SeenSky;
 use serde::Serialize;
 use std::time::Instant;
 
@@ -49,6 +51,8 @@ pub struct Composition {
     points: Vec<CubePoints>,
     polygons: Vec<Polygons>,
     environment: Environment,
+    /// Sky behind sprites without cube LDIs, whose environments know where it is seen.
+    seen_sky: Option<SeenSky>,
 }
 
 /// Settings of a composed frame.
@@ -82,7 +86,8 @@ pub struct ComposeStats {
     pub depth_pixels_in: u64,
     /// Number of splats drawn.
     pub splatted: u64,
-    /// Number of hole pixels: neither a layer nor the environment covers them.
+    /// Number of hole pixels: no layer covers them, and the environment is not known to be seen
+    /// there.
     pub hole_pixels: u64,
 }
 
@@ -114,12 +119,15 @@ impl Composition {
             environment = sprites.environment.clone();
         }
         let points = cubes.iter().map(CubePoints::new).collect();
+        let seen_sky =
+            (cubes.is_empty() && !sprites.sprites().is_empty()).then(|| SeenSky::new(&sprites));
         Self {
             sprites,
             cubes,
             points,
             polygons: Vec::new(),
             environment,
+            seen_sky,
         }
     }
 
@@ -206,7 +214,8 @@ impl Composition {
         stats
     }
 
-    /// Composites the environment behind the layers of `frame`. Returns the number of holes.
+    /// Composites the environment behind the layers of `frame`. Returns the number of holes,
+    /// including pixels that show the environment where no sprite's camera saw it.
     fn composite_environment(
         &self,
         camera: &Camera,
@@ -225,16 +234,18 @@ impl Composition {
             .par_chunks_mut(width)
             .zip(frame.coverage.par_chunks_mut(width))
             .enumerate();
-        let composite_row = |(y, (colors, coverages)): (usize, (_, _))| {
-            background.composite_row(
+        let composite_row = |(y, (colors, coverages)): (usize, (_, &mut [Coverage]))| {
+            let holes = background.composite_row(
                 y as u32,
                 Pixels {
                     colors,
-                    coverages,
+                    coverages: &mut *coverages,
                     depths_m: &mut [],
                     inverse_depths: &mut [],
                 },
-            )
+            );
+            let unseen = |sky: &SeenSky| sky.mark_unseen(camera, y, coverages);
+            holes + self.seen_sky.as_ref().map_or(0, unseen)
         };
         rows.map(composite_row).sum()
     }

@@ -6,6 +6,7 @@ use glam::{DVec3, Vec2, Vec3, dvec3};
 use headbox::Capture;
 use headbox_core::camera::Camera;
 use headbox_core::color::tone::ToneMap;
+use headbox_core::environment::Environment;
 use headbox_core::frame::Frame;
 use headbox_core::metrics::psnr_db;
 use headbox_core::progress::Silent;
@@ -18,10 +19,11 @@ use headbox_ldi::scene_source::SceneSource;
 use headbox_ldi::spec::{CaptureSpec, RunOptions};
 use headbox_scene::material::Material;
 use headbox_scene::scene::{Scene, Triangle};
-use headbox_sprite::SpriteSet;
 use headbox_sprite::compose::{ComposeSettings, Composer, Composition, Layer, Polygons};
+use headbox_sprite::{Displacement, Sprite, SpritePlane, SpriteSet, SpriteWithDepth};
 use headbox_trace::bvh::Tracer;
 use headbox_trace::light::Lighting;
+use image::{Rgba, RgbaImage};
 use std::sync::Arc;
 
 #[test]
@@ -375,6 +377,50 @@ fn cube_sprites_polygons_share_depth() {
         [red, blue],
         "the board is behind the near card on the left, and not on the right"
     );
+}
+
+#[test]
+fn sky_that_no_camera_saw_is_a_hole() {
+    // A red board in the left half of an image, with blue sky beside it.
+    let camera = look(dvec3(0.0, 0.0, 2.0), DVec3::ZERO, 16);
+    let image = RgbaImage::from_fn(16, 16, |x, _| {
+        Rgba([255, 0, 0, if x < 8 { 255 } else { 0 }])
+    });
+    let sprite = Sprite::new(image, camera, SpritePlane::through(DVec3::ZERO, DVec3::Z));
+    let sprite = SpriteWithDepth::new(sprite.expect("valid"), Displacement::zero(16, 16));
+    let mut set = SpriteSet::new(vec![sprite.expect("valid")]);
+    let sky = [0, 0, 255, 255];
+    set.environment = Environment {
+        size_px: 2,
+        texels: vec![sky; 6 * 4],
+    };
+    let composition = Composition::new(set, vec![]);
+    let holes = |camera: &Camera| {
+        let mut frame = Frame::default();
+        let settings = ComposeSettings::default();
+        let stats = composition.render(&mut Composer::default(), camera, &settings, &mut frame);
+        let is_hole: Vec<bool> = frame.coverage.iter().map(|c| c.is_hole()).collect();
+        let is_sky = |(is_hole, color): (&bool, &[u8; 4])| !is_hole || *color == sky;
+        assert!(is_hole.iter().zip(&frame.color).all(is_sky));
+        assert_eq!(
+            stats.hole_pixels,
+            is_hole.iter().filter(|&&hole| hole).count() as u64
+        );
+        is_hole
+    };
+    assert!(!holes(&camera).contains(&true), "its own view is complete");
+    let turned = look(camera.eye(), camera.eye() + DVec3::Z, 16);
+    assert!(
+        !holes(&turned).contains(&false),
+        "nothing is known behind the camera"
+    );
+    // From the left, the board's right part no longer hides what is behind it.
+    let moved = camera.with_eye(dvec3(0.25, 0.0, 2.0));
+    for (i, is_hole) in holes(&moved).into_iter().enumerate() {
+        let x = i % 16;
+        // The board moves by 2.1 pixels of the image to the left.
+        assert!(is_hole == (6..8).contains(&x) || x == 5, "column {x}");
+    }
 }
 
 /// Relative tolerance of light: 64 samples per vertex of its surroundings, an image of 64 rows of
