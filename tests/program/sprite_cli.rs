@@ -316,7 +316,7 @@ fn range_reports_reach_of_each_variant() {
         |line: &str, column: usize| line.split(',').nth(column).unwrap().parse::<f64>().unwrap();
     let rows: Vec<&str> = csv.lines().skip(1).collect();
     assert!(
-        csv.starts_with("displacement_m,parallax_px,homography,one-pass,two-pass,"),
+        csv.starts_with("displacement_m,parallax_px,hole_share,homography,one-pass,two-pass,"),
         "{csv}"
     );
     assert!(

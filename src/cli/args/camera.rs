@@ -23,7 +23,7 @@ pub(crate) struct CameraArgs {
     /// Point to look at, in the file's axes and unit; in the direction with the most detail from
     /// the headbox (for scenes from the eye), or the capture direction of sprites, by default
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_vector, allow_hyphen_values = true)]
-    look_at: Option<DVec3>,
+    pub(crate) look_at: Option<DVec3>,
     /// Up direction of the frame, in the file's axes; the file's up axis, or the up direction of
     /// the input images, by default
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_vector, allow_hyphen_values = true)]

@@ -151,11 +151,26 @@ impl ExportCommand {
                 bytes as f64 / 1e6,
                 summary.details
             );
+            if let Some(viewer) = self.viewer(exporter) {
+                println!("look at it: open it in {viewer}");
+            }
             if self.has_default_budget(exporter) && bytes > DEFAULT_BYTES / 100 * 98 {
                 eprintln!("note: merged to 100 MB; --mb or --gaussians chooses another size");
             }
         }
         Ok(())
+    }
+
+    /// Returns the programs that show the output, if it is for such.
+    fn viewer(&self, exporter: &Exporter) -> Option<&'static str> {
+        match exporter.extension {
+            "html" => Some("a browser"),
+            "glb" if self.gaussians.is_some() => Some("a viewer of Gaussian splats"),
+            "glb" => Some("Blender or another viewer of glTF"),
+            "ply" if self.points => Some("MeshLab or CloudCompare"),
+            "ply" => Some("a viewer of Gaussian splats"),
+            _ => None,
+        }
     }
 
     /// Returns true if Gaussians or points are written without a requested budget.

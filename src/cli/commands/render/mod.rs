@@ -276,10 +276,9 @@ impl RenderCommand {
         renderer.warn_if_empty(camera, &rendered);
         let ms_median = rendered.ms_median();
         let in_file = |point| renderer.view.file_frame().file_from_world(point);
-        let (eye, look_at) = (
-            in_file(camera.eye()),
-            in_file(camera.eye() + camera.forward()),
-        );
+        let eye = in_file(camera.eye());
+        let ahead = in_file(camera.eye() + camera.forward());
+        let look_at = self.camera.look_at.unwrap_or(ahead);
         if self.json {
             let mut report = json!({
                 "eye": eye, "look_at": look_at, "fov": camera.fov_y_deg(),

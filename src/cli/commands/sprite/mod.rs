@@ -17,6 +17,7 @@ use clap::Args;
 use glam::DVec3;
 use headbox_core::bounces::Bounces;
 use headbox_core::depth_kind::DepthKind;
+use headbox_core::file_frame::triple;
 use headbox_core::image::codec;
 use headbox_core::image::orientation::{self, Orientation};
 use headbox_core::light_parameters::LightParameters;
@@ -192,6 +193,15 @@ impl SpriteCommand {
                 "{}: {count} sprites with depth, {seconds:.2} s",
                 output.display()
             );
+            if let Some(sprite) = sprites.first() {
+                let camera = sprite.sprite().camera();
+                let in_file = |point| triple(set.info.frame.file_from_world(point));
+                println!(
+                    "camera: --eye {} --look-at {}",
+                    in_file(camera.eye()),
+                    in_file(camera.eye() + camera.forward())
+                );
+            }
             println!(
                 "look at it: headbox render {} -o frame.png",
                 output.display()
