@@ -34,13 +34,25 @@ impl HeadboxArgs {
         ]
     }
 
-    /// Warns if the user requested a headbox in a bad place or of a bad size.
+    /// Warns if the user requested a headbox in a bad place or of a bad size, or if only a small
+    /// one fits there.
     pub(crate) fn warn_if_bad(&self, tracer: &Tracer, headbox: &Headbox) {
+        /// Half-size relative to that at the suggested place below which a fitting one is small.
+        const SMALL_SHARE: f64 = 1.0 / 3.0;
         if self.center.is_none() && self.half_size.is_none() {
             return;
         }
         let frame = &tracer.scene().frame;
         let Some(warning) = viewpoint::check_headbox(tracer, headbox) else {
+            let usual_m = viewpoint::suggest_headbox(tracer).half_size_m;
+            if self.half_size.is_none() && headbox.half_size_m < SMALL_SHARE * usual_m {
+                let [fitting, usual] = [headbox.half_size_m, usual_m]
+                    .map(|half_size_m| figure(half_size_m / frame.unit_m));
+                eprintln!(
+                    "note: surfaces near --center leave room for a half-size of only {fitting}; {usual} fits where the \
+                     default headbox is (--half-size chooses another)"
+                );
+            }
             return;
         };
         eprintln!("warning: {}", warning.sentence(frame));
