@@ -1,19 +1,20 @@
-//! Ways through a room around its walls and furniture, at the height of the eyes.
+//! Routes through a room around its walls and furniture, at eye height.
 
 use glam::{DVec2, DVec3};
 use headbox_trace::bvh::{Ray, Tracer};
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-/// Distances from surfaces to keep beside a way, metres: the first with which there is one.
+/// Clearances to either side of a route, metres; the first that admits a route is used.
 const CLEARANCES_M: [f64; 2] = [0.2, 0.02];
-/// Distance between adjacent points of the grid on which a way is searched, metres.
+/// Spacing of the grid on which a route is searched, metres.
 const SPACING_M: f64 = 0.25;
-/// Number of points of the grid above which its spacing grows.
+/// Largest number of grid points; for larger rooms the spacing grows.
 const MAX_POINTS: f64 = 4096.0;
 
-/// Returns the corners of a short way between two points, without these: none if the straight line
-/// is free, or if there is no way. `low`, `high`: bounds of the room in x and z, world metres.
+/// Returns the corners of a short route between two points, without the points themselves: none if
+/// the straight line is free, or if there is no route. `low`, `high`: bounds of the room in x and z,
+/// world metres.
 pub(super) fn corners(
     tracer: &Tracer,
     [from, to]: [DVec3; 2],
@@ -22,14 +23,14 @@ pub(super) fn corners(
     if is_free(tracer, [from, to], CLEARANCES_M[0]) {
         return Vec::new();
     }
-    let ways = CLEARANCES_M.iter().filter_map(|clearance_m| {
+    let routes = CLEARANCES_M.iter().filter_map(|clearance_m| {
         let grid = Grid::new(tracer, [from, to], [low, high], *clearance_m);
         Some(grid.straightened(&grid.shortest()?))
     });
-    ways.into_iter().next().unwrap_or_default()
+    routes.into_iter().next().unwrap_or_default()
 }
 
-/// Returns true if no surface is on a line, nor beside it within a distance.
+/// Returns true if no surface is within `clearance_m` to either side of a line.
 fn is_free(tracer: &Tracer, [from, to]: [DVec3; 2], clearance_m: f64) -> bool {
     let is_open = |from: DVec3, to: DVec3| {
         let ray = Ray {
@@ -49,19 +50,19 @@ fn is_free(tracer: &Tracer, [from, to]: [DVec3; 2], clearance_m: f64) -> bool {
         })
 }
 
-/// Points of a room at the height of the eyes: the start, the end, and a grid.
+/// Points of a room at eye height: the start, the end, and a grid.
 struct Grid<'a> {
     tracer: &'a Tracer,
     clearance_m: f64,
     points: Vec<DVec3>,
-    /// Points of the grid across.
+    /// Number of grid points in a row.
     across: usize,
     spacing_m: f64,
 }
 
 const START: usize = 0;
 const END: usize = 1;
-/// First point of the grid.
+/// First grid point.
 const FIRST: usize = 2;
 
 impl<'a> Grid<'a> {
@@ -98,7 +99,7 @@ impl<'a> Grid<'a> {
         )
     }
 
-    /// Returns the points to which a straight step may lead from a point.
+    /// Returns the points that may be reached from a point in one step.
     fn steps(&self, from: usize) -> Vec<usize> {
         let reach = self.spacing_m * 1.5;
         let near =
@@ -115,7 +116,7 @@ impl<'a> Grid<'a> {
         std::iter::once(END).chain(grid).filter(near).collect()
     }
 
-    /// Returns the points of the shortest way from the start to the end, by Dijkstra's algorithm.
+    /// Returns the points of the shortest route from the start to the end, by Dijkstra's algorithm.
     fn shortest(&self) -> Option<Vec<usize>> {
         let micrometres =
             |a: usize, b: usize| ((self.points[a] - self.points[b]).length() * 1e6) as u64;
@@ -139,26 +140,25 @@ impl<'a> Grid<'a> {
                 }
             }
         }
-        let mut way = vec![END];
-        while way[way.len() - 1] != START {
-            way.push(before[way[way.len() - 1]]?.1);
+        let mut route = vec![END];
+        while route[route.len() - 1] != START {
+            route.push(before[route[route.len() - 1]]?.1);
         }
-        way.reverse();
-        Some(way)
+        route.reverse();
+        Some(route)
     }
 
-    /// Returns the corners of a way, without its ends, after leaving out all that it can pass
-    /// straight.
-    fn straightened(&self, way: &[usize]) -> Vec<DVec3> {
+    /// Returns the corners of a route, without its ends, after cutting every corner that can be cut.
+    fn straightened(&self, route: &[usize]) -> Vec<DVec3> {
         let mut corners = Vec::new();
         let mut at = 0;
-        while at + 1 < way.len() {
-            let farthest = (at + 2..way.len()).rev();
+        while at + 1 < route.len() {
+            let farthest = (at + 2..route.len()).rev();
             let next = farthest
                 .into_iter()
-                .find(|next| self.is_free(way[at], way[*next]))
+                .find(|next| self.is_free(route[at], route[*next]))
                 .unwrap_or(at + 1);
-            corners.push(self.points[way[next]]);
+            corners.push(self.points[route[next]]);
             at = next;
         }
         corners.pop();
@@ -201,35 +201,35 @@ mod tests {
     const ENDS: [DVec3; 2] = [dvec3(-1.0, 1.6, 0.1), dvec3(1.0, 1.6, 0.1)];
     const ROOM: [DVec2; 2] = [DVec2::splat(-3.0), DVec2::splat(3.0)];
 
-    fn way(tracer: &Tracer) -> Vec<DVec3> {
+    fn route(tracer: &Tracer) -> Vec<DVec3> {
         let corners = corners(tracer, ENDS, ROOM);
         [&ENDS[..1], &corners, &ENDS[1..]].concat()
     }
 
     #[test]
-    fn ways_lead_around_walls() {
+    fn routes_lead_around_walls() {
         // Around the nearer end of a wall, and through a gap of half a metre.
         for lines in [
             vec![[[0.0, -2.5], [0.0, 1.5]]],
             vec![[[0.0, -3.0], [0.0, 1.0]], [[0.0, 1.5], [0.0, 3.0]]],
         ] {
             let tracer = walls(&lines);
-            let way = way(&tracer);
-            for leg in way.windows(2) {
-                assert!(is_free(&tracer, [leg[0], leg[1]], 0.02), "{way:?}");
+            let route = route(&tracer);
+            for leg in route.windows(2) {
+                assert!(is_free(&tracer, [leg[0], leg[1]], 0.02), "{route:?}");
             }
-            let length: f64 = way.windows(2).map(|leg| (leg[1] - leg[0]).length()).sum();
+            let length: f64 = route.windows(2).map(|leg| (leg[1] - leg[0]).length()).sum();
             assert!(length > 2.5 && length < 4.5, "{length} m");
         }
     }
 
     #[test]
-    fn ways_without_obstacle_or_without_gap_are_straight() {
+    fn routes_are_straight_without_obstacle_or_gap() {
         for lines in [
             vec![[[2.0, -3.0], [2.0, 3.0]]],
             vec![[[0.0, -4.0], [0.0, 4.0]]],
         ] {
-            assert_eq!(way(&walls(&lines)), ENDS);
+            assert_eq!(route(&walls(&lines)), ENDS);
         }
     }
 }

@@ -325,8 +325,8 @@ fn surfaces_are_blended_in_depth_order() {
     assert_eq!(pixel.color(), [250, 0, 0, 255]);
 }
 
-/// A red splat of a sixth of the weight in each of the given quadrants around the pixel in column and row 1,
-/// and perhaps a red rim in it, before blue.
+/// Returns the pixel in column and row 1 with a red splat, of a sixth of the weight there, in each of
+/// some quadrants around it, and perhaps a red rim in it, before blue.
 fn share_of_red(quadrants: &[[i32; 2]], kind: SplatKind, has_rim: bool) -> [u8; 4] {
     let splat = |center: [i32; 2], kind, color, weight, inverse_depth| {
         let profile = |center: i32| [(-1 - center) * TOP / 4, TOP / 4];
