@@ -43,7 +43,7 @@ pub struct SpriteRange {
 impl SpriteRange {
     /// Draws `set`, captured by `reference`, in every variant while the eye moves to the right and
     /// a little up and looks at the same point, and compares with truth with the rays, light and
-    /// size of the capture. `None` if no sprite is straight ahead.
+    /// size of the capture. `None` if no sprite's plane is straight ahead.
     ///
     /// # Errors
     /// [`ReportError::Camera`] and [`ReportError::Metric`] for numbers out of range.
@@ -175,18 +175,25 @@ impl SpriteRange {
     }
 }
 
-/// Returns the distance to the nearest sprite along the viewing axis, metres.
+/// Returns the distance to the nearest sprite along the viewing axis, metres; to the nearest plane of
+/// a sprite if none is shown there.
 fn distance_ahead(set: &SpriteSet, camera: &Camera) -> Option<f64> {
-    let distance = |sprite: &PreparedSprite| {
+    let shown = |sprite: &PreparedSprite| {
         let sprite = sprite.sprite();
         let (color, (columns, rows)) = (sprite.sprite().color(), sprite.displacement().size());
         let shown = color.get_pixel(camera.width() / 2, camera.height() / 2).0[3] > 0;
         sprite.eye_depth(columns / 2, rows / 2).filter(|_| shown)
     };
-    set.sprites()
-        .iter()
-        .filter_map(distance)
-        .min_by(f64::total_cmp)
+    let plane = |sprite: &PreparedSprite| {
+        let [x, y] = [camera.width(), camera.height()].map(|size| f64::from(size) / 2.0);
+        let depth = 1.0 / sprite.sprite().sprite().plane().inverse_depth(camera, x, y);
+        (depth > 0.0 && depth.is_finite()).then_some(depth)
+    };
+    let nearest = |distance: &dyn Fn(&PreparedSprite) -> Option<f64>| {
+        let distances = set.sprites().iter().filter_map(distance);
+        distances.min_by(f64::total_cmp)
+    };
+    nearest(&shown).or_else(|| nearest(&plane))
 }
 
 /// Returns the largest displacement of a point relative to its sprite's plane, pixels of the

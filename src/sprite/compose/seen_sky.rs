@@ -51,12 +51,16 @@ impl SeenSky {
             }
             let direction = |k: usize| start + step * (i * CHUNK + k) as f64;
             let ends = [direction(0), direction(coverages.len() - 1)];
-            let seen = |image: &SkyImage| image.sees_sky_between(ends);
-            let verdicts: Vec<Option<bool>> = self.images.iter().map(seen).collect();
-            if verdicts.contains(&Some(true)) {
+            let (mut is_whole, mut is_mixed) = (false, false);
+            for image in &self.images {
+                match image.sees_sky_between(ends) {
+                    Some(is_seen) => is_whole |= is_seen,
+                    None => is_mixed = true,
+                }
+            }
+            if is_whole {
                 continue;
             }
-            let is_mixed = verdicts.contains(&None);
             for (k, coverage) in coverages.iter_mut().enumerate() {
                 let is_seen = || {
                     let sees = |image: &SkyImage| image.sees_sky(direction(k));
@@ -73,7 +77,7 @@ impl SeenSky {
 }
 
 /// Pixels of a row that are tested together.
-const CHUNK: usize = 64;
+const CHUNK: usize = 128;
 
 /// The pixels of a camera that no sprite of it covers.
 struct SkyImage {

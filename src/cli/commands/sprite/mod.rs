@@ -9,7 +9,7 @@ use crate::args::{
     refuse_misplaced,
 };
 use crate::commands::sprite::sequence::SequenceArgs;
-use crate::messages::UsageError;
+use crate::messages::{UsageError, format_count};
 use crate::output::{Outputs, SPRITES, has_extension, peak_rss_mb, print_json, write_text};
 use crate::progress::Bar;
 use anyhow::{Context, bail};
@@ -184,15 +184,12 @@ impl SpriteCommand {
             );
             return Ok(());
         }
-        let count = sprites.len();
+        let count = format_count(sprites.len() as u64, "sprite");
         if let Some(folder) = &self.export {
-            println!("{}: colour and depth of {count} sprites", folder.display());
+            println!("{}: colour and depth of {count}", folder.display());
         }
         if let Some(output) = &self.output {
-            println!(
-                "{}: {count} sprites with depth, {seconds:.2} s",
-                output.display()
-            );
+            println!("{}: {count} with depth, {seconds:.2} s", output.display());
             if let Some(sprite) = sprites.first() {
                 let camera = sprite.sprite().camera();
                 let in_file = |point| triple(set.info.frame.file_from_world(point));
