@@ -379,47 +379,49 @@ fn cube_sprites_polygons_share_depth() {
     );
 }
 
-#[test]
-fn sky_that_no_camera_saw_is_a_hole() {
-    // A red board in the left half of an image, with blue sky beside it.
-    let camera = look(dvec3(0.0, 0.0, 2.0), DVec3::ZERO, 16);
-    let image = RgbaImage::from_fn(16, 16, |x, _| {
-        Rgba([255, 0, 0, if x < 8 { 255 } else { 0 }])
+/// A red board in the left (axis 0) or upper (1) half of an image, with blue sky beside it.
+fn half_a_board(axis: usize, camera: Camera, sky: [u8; 4]) -> Composition {
+    let image = RgbaImage::from_fn(16, 16, |x, y| {
+        let alpha = if [x, y][axis] < 8 { 255 } else { 0 };
+        Rgba([255, 0, 0, alpha])
     });
     let sprite = Sprite::new(image, camera, SpritePlane::through(DVec3::ZERO, DVec3::Z));
     let sprite = SpriteWithDepth::new(sprite.expect("valid"), Displacement::zero(16, 16));
     let mut set = SpriteSet::new(vec![sprite.expect("valid")]);
-    let sky = [0, 0, 255, 255];
     set.environment = Environment {
         size_px: 2,
         texels: vec![sky; 6 * 4],
     };
-    let composition = Composition::new(set, vec![]);
-    let holes = |camera: &Camera| {
-        let mut frame = Frame::default();
-        let settings = ComposeSettings::default();
-        let stats = composition.render(&mut Composer::default(), camera, &settings, &mut frame);
-        let is_hole: Vec<bool> = frame.coverage.iter().map(|c| c.is_hole()).collect();
-        let is_sky = |(is_hole, color): (&bool, &[u8; 4])| !is_hole || *color == sky;
-        assert!(is_hole.iter().zip(&frame.color).all(is_sky));
-        assert_eq!(
-            stats.hole_pixels,
-            is_hole.iter().filter(|&&hole| hole).count() as u64
-        );
-        is_hole
-    };
-    assert!(!holes(&camera).contains(&true), "its own view is complete");
-    let turned = look(camera.eye(), camera.eye() + DVec3::Z, 16);
-    assert!(
-        !holes(&turned).contains(&false),
-        "nothing is known behind the camera"
-    );
-    // From the left, the board's right part no longer hides what is behind it.
-    let moved = camera.with_eye(dvec3(0.25, 0.0, 2.0));
-    for (i, is_hole) in holes(&moved).into_iter().enumerate() {
-        let x = i % 16;
-        // The board moves by 2.1 pixels of the image to the left.
-        assert!(is_hole == (6..8).contains(&x) || x == 5, "column {x}");
+    Composition::new(set, vec![])
+}
+
+#[test]
+fn sky_that_no_camera_saw_is_a_hole() {
+    let sky = [0, 0, 255, 255];
+    let camera = look(dvec3(0.0, 0.0, 2.0), DVec3::ZERO, 16);
+    for axis in 0..2 {
+        let composition = half_a_board(axis, camera, sky);
+        let holes = |camera: &Camera| {
+            let mut frame = Frame::default();
+            let settings = ComposeSettings::default();
+            let stats = composition.render(&mut Composer::default(), camera, &settings, &mut frame);
+            let is_hole: Vec<bool> = frame.coverage.iter().map(|c| c.is_hole()).collect();
+            let is_sky = |(is_hole, color): (&bool, &[u8; 4])| !is_hole || *color == sky;
+            assert!(is_hole.iter().zip(&frame.color).all(is_sky));
+            let count = is_hole.iter().filter(|&&hole| hole).count();
+            assert_eq!(stats.hole_pixels, count as u64);
+            is_hole
+        };
+        assert!(!holes(&camera).contains(&true), "its own view is complete");
+        let turned = look(camera.eye(), camera.eye() + DVec3::Z, 16);
+        assert!(!holes(&turned).contains(&false), "nothing is known behind");
+        // From the left or from below, the board no longer hides what is behind its end.
+        let moved = [dvec3(0.25, 0.0, 2.0), dvec3(0.0, -0.25, 2.0)][axis];
+        for (i, is_hole) in holes(&camera.with_eye(moved)).into_iter().enumerate() {
+            let along = [i % 16, i / 16][axis];
+            // The board moves by 2.1 pixels.
+            assert!(is_hole == (6..8).contains(&along) || along == 5, "{along}");
+        }
     }
 }
 
