@@ -84,7 +84,7 @@ fn a_folder_of_photographs_becomes_sprites() {
     refused(1, &["--masks", "masks"], "no PNG files");
     let half = GrayImage::from_fn(120, 90, |x, _| Luma([if x < 60 { 255 } else { 0 }]));
     half.save(dir.path().join("masks/left.png")).unwrap();
-    assert!(run(&["--masks", "masks"]).contains("1 sprites"));
+    assert!(run(&["--masks", "masks"]).contains("1 sprite with depth"));
     GrayImage::new(9, 9)
         .save(dir.path().join("masks/small.png"))
         .unwrap();
