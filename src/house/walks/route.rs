@@ -23,11 +23,11 @@ pub(super) fn corners(
     if is_free(tracer, [from, to], CLEARANCES_M[0]) {
         return Vec::new();
     }
-    let routes = CLEARANCES_M.iter().filter_map(|clearance_m| {
+    let route = CLEARANCES_M.iter().find_map(|clearance_m| {
         let grid = Grid::new(tracer, [from, to], [low, high], *clearance_m);
         Some(grid.straightened(&grid.shortest()?))
     });
-    routes.into_iter().next().unwrap_or_default()
+    route.unwrap_or_default()
 }
 
 /// Returns true if no surface is within `clearance_m` to either side of a line.
@@ -153,9 +153,8 @@ impl<'a> Grid<'a> {
         let mut corners = Vec::new();
         let mut at = 0;
         while at + 1 < route.len() {
-            let farthest = (at + 2..route.len()).rev();
-            let next = farthest
-                .into_iter()
+            let next = (at + 2..route.len())
+                .rev()
                 .find(|next| self.is_free(route[at], route[*next]))
                 .unwrap_or(at + 1);
             corners.push(self.points[route[next]]);

@@ -58,7 +58,7 @@ impl WalkPath {
     /// # Errors
     /// [`CameraError`] if the size or the field of view is invalid.
     pub fn cameras(&self, house: &House) -> Result<Vec<Camera>, CameraError> {
-        let (line, _) = self.line(house);
+        let line = self.line(house);
         let Some(first) = line.first() else {
             return Ok(Vec::new());
         };
@@ -110,7 +110,7 @@ impl WalkPath {
 
     /// Returns the length of the walk, metres.
     pub fn length_m(&self, house: &House) -> f64 {
-        let (line, _) = self.line(house);
+        let line = self.line(house);
         line.windows(2)
             .map(|pair| (pair[1] - pair[0]).length())
             .sum()
@@ -144,7 +144,7 @@ impl WalkPath {
     /// start, or they have no room to stand.
     pub fn unvisited<'a>(&self, house: &'a House) -> Vec<&'a str> {
         let plan = house.plan();
-        let (_, visited) = self.line(house);
+        let (_, visited) = self.stops(house);
         let cells = (0_u32..)
             .zip(&plan.cells)
             .filter(|(cell, _)| plan.outside != Some(*cell));
@@ -154,10 +154,15 @@ impl WalkPath {
             .collect()
     }
 
-    /// Returns the corners of the walk, world metres, and for each cell true if the walk enters it.
-    /// The walk is a depth-first tour of the rooms and back, from the start that reaches the most
-    /// rooms. It goes around walls and furniture as high as the eyes where it can.
-    fn line(&self, house: &House) -> (Vec<DVec3>, Vec<bool>) {
+    /// Returns the corners of the walk, world metres. Where it can, it goes around walls, and around
+    /// furniture that reaches up to the eyes.
+    fn line(&self, house: &House) -> Vec<DVec3> {
+        around_obstacles(house, &self.stops(house).0)
+    }
+
+    /// Returns the stops of the walk, and for each cell true if the walk enters it. The walk is a
+    /// depth-first tour of the rooms and back, from the start that reaches the most rooms.
+    fn stops(&self, house: &House) -> (Vec<Stop>, Vec<bool>) {
         let count = house.plan().cells.len();
         let rooms: Vec<u32> = (0..count as u32)
             .filter(|&cell| self.standing_point(house, cell).is_some())
@@ -180,8 +185,7 @@ impl WalkPath {
                 best = walk;
             }
         }
-        let (stops, visited) = best;
-        (around_obstacles(house, &stops), visited)
+        best
     }
 
     /// Returns a random number of a stream.

@@ -44,8 +44,8 @@ pub(super) fn row_bits<S: Simd>(simd: S, down: i32x8<S>) -> u32x8<S> {
     )
 }
 
-/// Whether a pixel is surrounded, by its bits: by samples in all quadrants, or on one side if a rim
-/// touches it.
+/// Bit `b` is 1 if a pixel with bits `b` is surrounded: by samples in all quadrants, or on one side
+/// if a rim touches it.
 const IS_SURROUNDED: u32 = {
     let all = LOWER_LEFT | LOWER_RIGHT | UPPER_LEFT | UPPER_RIGHT;
     let sides = [

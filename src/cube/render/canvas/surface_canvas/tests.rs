@@ -41,7 +41,7 @@ fn peel_tile(
 /// A splat in one pixel: weight, colour and inverse depth, and where it lies.
 type PixelSplat = (u32, [u8; 3], f32, Option<Place>);
 
-/// Where a splat lies as seen from a pixel.
+/// Position of a splat relative to a pixel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Place {
     Quadrant { is_left: bool, is_above: bool },

@@ -7,7 +7,7 @@ use fearless_simd::{Simd, i32x8, prelude::*, u32x8};
 /// Rows of a tile, which is [`BLOCK`] columns wide.
 pub(super) const TILE_ROWS: usize = 32;
 
-/// What a [`TileSplat`] says about the surface around it.
+/// Kind of a [`TileSplat`], by what it says about the surface around it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub(super) enum SplatKind {
