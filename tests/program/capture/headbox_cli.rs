@@ -55,6 +55,18 @@ fn bad_headbox_is_warned_about_with_one_to_paste() {
 }
 
 #[test]
+fn small_headbox_is_noted_unless_its_size_is_requested() {
+    let dir = tempfile::tempdir().unwrap();
+    let note = "note: surfaces near --center leave room for a half-size of only 0.15";
+    let low = ["--center", "0.2,0.3,0.9"];
+    let sized = [&low[..], &["--half-size", "0.1"]].concat();
+    for (arguments, is_noted) in [(&low[..], true), (&sized, false), (&[], false)] {
+        let (_, messages) = capture(dir.path(), arguments);
+        assert_eq!(messages.contains(note), is_noted, "{messages}");
+    }
+}
+
+#[test]
 fn centre_in_metres_in_a_file_of_centimetres_is_recognised() {
     let dir = tempfile::tempdir().unwrap();
     let room = "v 0 0 0\nv 600 0 0\nv 600 0 400\nv 0 0 400\nv 0 300 0\nv 600 300 0\nv 600 300 400\nv 0 300 400\n\
