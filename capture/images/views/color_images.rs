@@ -122,14 +122,7 @@ pub(crate) fn read_size(path: &Path) -> Result<[u32; 2], ImagesError> {
         let parts = ExrParts::read(path).map_err(|error| ImagesError::picture(path, error))?;
         return Ok(parts.first_size_px());
     }
-    // Files often have the extension of another format.
-    let reader = image::ImageReader::open(path)
-        .and_then(image::ImageReader::with_guessed_format)
-        .map_err(|cause| ImagesError::io(path, cause))?;
-    let (width, height) = reader
-        .into_dimensions()
-        .map_err(|error| ImagesError::picture(path, error.into()))?;
-    Ok([width, height])
+    codec::read_size(path).map_err(|error| ImagesError::picture(path, error))
 }
 
 /// Reads the size of the image that a camera with this principal point took, pixels: that of the

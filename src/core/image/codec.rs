@@ -171,6 +171,19 @@ fn decode_pixels(
     panics::catch(decode).unwrap_or_else(|panic| Err(PictureError::Malformed(panic)))
 }
 
+/// Reads the width and height of an image file, pixels, without decoding it.
+///
+/// # Errors
+/// [`PictureError`].
+pub fn read_size(path: &Path) -> Result<[u32; 2], PictureError> {
+    let read = || {
+        // Files often have the extension of another format.
+        let reader = ImageReader::open(path)?.with_guessed_format()?;
+        Ok(reader.into_dimensions()?.into())
+    };
+    panics::catch(read).unwrap_or_else(|panic| Err(PictureError::Malformed(panic)))
+}
+
 /// Returns true if a JPEG file lacks its end. Its decoder passes over that; those of other formats
 /// return an error.
 #[must_use]

@@ -2,6 +2,8 @@
 //! completely or not at all.
 
 use headbox_core::files;
+use headbox_core::image::codec;
+use image::ExtendedColorType;
 use std::fs::{self, OpenOptions};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
@@ -22,12 +24,9 @@ pub(crate) fn write_png(path: &Path, width: usize, pixels: &[[u8; 4]]) -> io::Re
         u32::try_from(width).map_err(too_large)?,
         u32::try_from(height).map_err(too_large)?,
     );
-    files::write_whole(path, |file| {
-        let encoder = image::codecs::png::PngEncoder::new(file);
-        let kind = image::ExtendedColorType::Rgba8;
-        image::ImageEncoder::write_image(encoder, bytemuck::cast_slice(pixels), w, h, kind)
-            .map_err(io::Error::other)
-    })
+    let png = codec::png(pixels.as_flattened(), w, h, ExtendedColorType::Rgba8);
+    let png = png.map_err(io::Error::other)?;
+    files::write_whole(path, |file| file.write_all(&png))
 }
 
 /// Writes `value` as indented JSON.

@@ -3,6 +3,7 @@
 use crate::playback::export;
 use crate::source::Thumbnail;
 use headbox_core::files;
+use headbox_core::image::codec;
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -19,7 +20,7 @@ pub(crate) struct ThumbnailCache {
 impl ThumbnailCache {
     /// Maximum size of all files, bytes: about two hundred thumbnails.
     const MAX_BYTES: u64 = 8 << 20;
-    /// Maximum size of one file, bytes: a larger one is not ours.
+    /// Maximum size of one file and of its pixels, bytes: a larger one is not ours.
     const MAX_FILE_BYTES: u64 = 1 << 20;
 
     pub(crate) fn new(folder: Option<PathBuf>) -> Self {
@@ -43,7 +44,7 @@ impl ThumbnailCache {
         if fs::metadata(&path).ok()?.len() > Self::MAX_FILE_BYTES {
             return None;
         }
-        let image = image::open(&path).ok()?.into_rgba8();
+        let image = codec::read(&path, Self::MAX_FILE_BYTES).ok()?.image;
         // If the time cannot be set, the file is only removed a little earlier.
         let _ = File::options()
             .append(true)
@@ -52,7 +53,7 @@ impl ThumbnailCache {
         Some(Thumbnail {
             width: image.width(),
             height: image.height(),
-            pixels: image.pixels().map(|pixel| pixel.0).collect(),
+            pixels: codec::rgba8_pixels(&image),
         })
     }
 
