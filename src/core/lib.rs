@@ -50,4 +50,4 @@ pub mod statistics;
 pub mod view;
 
 pub use geometry::{camera, cube_face, depth_kind, file_frame, headbox};
-pub use process::{memory, panics, progress, simd, task};
+pub use process::{memory, panics, progress, simd, stopwatch, task};

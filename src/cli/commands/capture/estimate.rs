@@ -3,13 +3,14 @@
 //! The time of a ray, of a light sample and of the search for holes depends on the scene and the
 //! machine by factors of four, which no constants can predict. So the whole capture is made at a
 //! small size, with as many rays for each pixel of its faces and as much light, in some tenths of a
-//! second; each stage is timed and scaled by its own law. The rehearsal does not influence the
-//! capture.
+//! second; the processor time of each stage is scaled by its own law, so that other programs that
+//! run at the moment do not count. The rehearsal does not influence the capture.
 
 use super::memory_limit::{MemoryLimit, unlimited_bytes};
 use crate::packing::PackingArgs;
 use crate::progress::PlannedStage;
 use headbox_core::memory;
+use headbox_core::stopwatch::Stopwatch;
 use headbox_cube::model::parameters::Sampler;
 use headbox_ldi::capture::{SceneCapture, stage};
 use headbox_ldi::spec::{CaptureSpec, RunOptions};
@@ -25,20 +26,20 @@ const FACE_PX: u32 = 96;
 const REDUCTION: u32 = 4;
 
 /// Time of a ray of the capture, as a multiple of one in the rehearsal (docs/decisions/0019).
-const RAY_SHARE: f64 = 1.05;
+const RAY_SHARE: f64 = 1.02;
 
 /// Factor and power of the face size by which the time for light, merging and packing grows: on
 /// larger faces light is pooled over more pixels.
-const LIGHT_FACTOR: f64 = 0.88;
+const LIGHT_FACTOR: f64 = 0.82;
 const LIGHT_POWER: f64 = 1.75;
 
 /// Power of the face size by which a first round of the search for holes grows: one that looks at
 /// all pixels.
-const ROUND_POWER: f64 = 1.47;
+const ROUND_POWER: f64 = 1.45;
 
 /// Time of a further round, which looks only at the pixels that have changed, as a share of the
 /// first.
-const FURTHER_ROUND: f64 = 0.45;
+const FURTHER_ROUND: f64 = 0.2;
 
 /// Power of the face size by which the file grows: plane textures of larger faces have fewer
 /// borders.
@@ -84,11 +85,11 @@ impl Estimate {
         let options = RunOptions::default();
         let capture = SceneCapture::new(&small, tracer, lighting, &options);
 
-        let stage_start = Instant::now();
+        let watch = Stopwatch::start();
         let mut tracing = capture.trace()?;
         let ray_scale = spec.max_rays() / small.max_rays() / f64::from(parts);
         let rays = tracing.rays as f64 * ray_scale;
-        let trace_s = stage_start.elapsed().as_secs_f64() * ray_scale * RAY_SHARE;
+        let trace_s = watch.seconds_per_thread() * ray_scale * RAY_SHARE;
         let has_pilot =
             small.parameters.novelty > 0.0 && small.parameters.sampler != Sampler::CentreRays;
         let pilot_share = if has_pilot {
@@ -97,19 +98,19 @@ impl Estimate {
             0.0
         };
 
-        let stage_start = Instant::now();
+        let watch = Stopwatch::start();
         capture.fill_holes(&mut tracing)?;
         let hole_rounds = tracing.holes.map_or(0, |holes| holes.rounds);
         // In the rehearsal all rounds take as long.
-        let round_s = stage_start.elapsed().as_secs_f64() / f64::from(hole_rounds.max(1));
+        let round_s = watch.seconds_per_thread() / f64::from(hole_rounds.max(1));
         let rounds = 1.0 + FURTHER_ROUND * f64::from(hole_rounds.saturating_sub(1));
         let holes_s = round_s * scale.powf(ROUND_POWER) * rounds;
 
-        let stage_start = Instant::now();
+        let watch = Stopwatch::start();
         let ldi = capture.light_and_merge(&tracing)?;
         let samples: usize = ldi.faces.iter().map(|face| face.samples.len()).sum();
         let packed = packing.pack(ldi)?;
-        let light_s = stage_start.elapsed().as_secs_f64() * LIGHT_FACTOR * scale.powf(LIGHT_POWER);
+        let light_s = watch.seconds_per_thread() * LIGHT_FACTOR * scale.powf(LIGHT_POWER);
         let depth_pixels = samples as f64 * scale * scale;
         let file_bytes = if is_whole {
             Some(packed.file_bytes()? as f64 * scale.powf(FILE_POWER))

@@ -19,6 +19,7 @@ use glam::DVec3;
 use headbox_core::camera::Camera;
 use headbox_core::headbox::Headbox;
 use headbox_core::progress::Silent;
+use headbox_core::stopwatch::Stopwatch;
 use headbox_cube::model::parameters::CaptureParameters;
 use headbox_ldi::capture::SceneCapture;
 use headbox_ldi::scene_source::SceneSource;
@@ -214,9 +215,9 @@ impl DemoCommand {
         let samples = sizes.first_samples;
         let mut sum = TruthSum::new(&stage.camera(0.0, sizes)?);
         let mut trace_half = || {
-            let start = Instant::now();
+            let watch = Stopwatch::start();
             sum.add(&stage.tracer, &stage.lighting, true, samples / 2, &Silent);
-            start.elapsed().as_secs_f64()
+            watch.seconds_per_thread()
         };
         trace_half();
         let seconds = 2.0 * trace_half();
