@@ -5,7 +5,7 @@ use super::house::{House, HouseError};
 use super::store::{Key, Store};
 use headbox_core::progress::Progress;
 use headbox_model::PortalModel;
-use headbox_model::bake::{BakeOptions, bake_model};
+use headbox_model::bake::{BakeOptions, BakedLight, bake_model};
 use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -31,8 +31,8 @@ pub struct MadeHouse {
     pub house: House,
     /// Its backdrops.
     pub store: Store,
-    /// Minimum number of light samples of a vertex; 0 without baked light.
-    pub light_samples: u32,
+    /// Its light; `None` if none was baked.
+    pub light: Option<BakedLight>,
     /// Number of captured backdrops.
     pub captures: usize,
     /// Number of requested backdrops; more than `captures` if the work was cancelled.
@@ -75,18 +75,21 @@ pub fn make_house(
     options: &MakeOptions,
     progress: &dyn Progress,
 ) -> Result<MadeHouse, MakeError> {
-    let (mut model, light_samples) = match &options.light {
-        Some(light) => bake_light(model, light, progress)?,
-        None => (model, 0),
+    let (mut model, light) = match &options.light {
+        Some(light) => {
+            let (model, light) = bake_light(model, light, progress)?;
+            (model, Some(light))
+        }
+        None => (model, None),
     };
-    if options.light.is_none() {
+    if light.is_none() {
         model.scene.tone = model.scene.tone.without_highlights();
     }
     let house = House::new(model)?;
     let mut made = MadeHouse {
         house,
         store: Store::new(options.budget_bytes),
-        light_samples,
+        light,
         captures: 0,
         requested: 0,
         oversized: Vec::new(),
@@ -96,16 +99,16 @@ pub fn make_house(
     Ok(made)
 }
 
-/// Bakes the light of a model. Returns it with the minimum number of light samples of a vertex.
+/// Bakes the light of a model.
 fn bake_light(
     model: PortalModel,
     options: &BakeOptions,
     progress: &dyn Progress,
-) -> Result<(PortalModel, u32), MakeError> {
+) -> Result<(PortalModel, BakedLight), MakeError> {
     model.scene.validate().map_err(HouseError::from)?;
     let has_begun = AtomicBool::new(false);
     let reported = AtomicU64::new(0);
-    let (model, samples) = bake_model(model, options, &|done, all| {
+    let (model, light) = bake_model(model, options, &|done, all| {
         if !has_begun.swap(true, Ordering::Relaxed) {
             progress.begin(LIGHT, "samples", all as u64);
         }
@@ -117,10 +120,10 @@ fn bake_light(
             ControlFlow::Continue(())
         }
     });
-    if samples == 0 && progress.is_cancelled() {
+    if light.samples == 0 && progress.is_cancelled() {
         return Err(MakeError::NoLight);
     }
-    Ok((model, samples))
+    Ok((model, light))
 }
 
 impl MadeHouse {

@@ -76,6 +76,15 @@ pub struct Baked {
     pub samples: u32,
 }
 
+/// Light that [`bake_model`] has baked into a model.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct BakedLight {
+    /// See [`Baked::exposure`].
+    pub exposure: f32,
+    /// See [`Baked::samples`].
+    pub samples: u32,
+}
+
 /// Maximum number of columns of a sky's picture: a third of a degree each.
 const SKY_COLUMNS: u32 = 1024;
 
@@ -174,12 +183,12 @@ fn bake_visible(
 /// Bakes the light of a portal model's scene (see [`bake`]) and stitches it; each cell keeps its
 /// surfaces. Surfaces of a room have the light of the side that is visible from it, because the
 /// invisible underside of a floor, for example, may be in the sun. Surfaces partly inside a wall
-/// have the light of their part in the room. Returns the model and [`Baked::samples`].
+/// have the light of their part in the room.
 pub fn bake_model(
     mut model: PortalModel,
     options: &BakeOptions,
     progress: &BakeProgress<'_>,
-) -> (PortalModel, u32) {
+) -> (PortalModel, BakedLight) {
     let sides = model.sides();
     let source = Arc::new(std::mem::take(&mut model.scene));
     let inside = (0_u32..)
@@ -222,7 +231,11 @@ pub fn bake_model(
     // After baking: new corners interpolate the light along their edge. With light of their own
     // they would be visible in it.
     lit.stitch();
-    (lit, baked.samples)
+    let light = BakedLight {
+        exposure: baked.exposure,
+        samples: baked.samples,
+    };
+    (lit, light)
 }
 
 /// Returns the bounding rectangle of points: lowest and highest corner.

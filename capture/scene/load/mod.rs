@@ -150,7 +150,7 @@ fn unknown_format(path: &Path) -> String {
     } else if extension == "house" {
         format!(
             "a house with baked light; show it with headbox view or headbox render {}, or name the \
-             home that it was made of, with --exposure 0 for the brightness of the house",
+             home that it was made of, with the --exposure that headbox house printed",
             path.display()
         )
     } else if REPRESENTATIONS.contains(&extension.as_str()) {

@@ -227,8 +227,8 @@ fn cells_keep_their_surfaces() {
         portals: Vec::new(),
         outside: None,
     };
-    let (model, samples) = bake_model(model, &options(0.5), &|_, _| ControlFlow::Continue(()));
-    assert_eq!(samples, 1);
+    let (model, light) = bake_model(model, &options(0.5), &|_, _| ControlFlow::Continue(()));
+    assert_eq!(light.samples, 1);
     assert_eq!(model.cells[0].triangles.end, model.cells[1].triangles.start);
     assert_eq!(
         model.cells[1].triangles.end as usize,

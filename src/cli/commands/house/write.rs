@@ -91,7 +91,10 @@ struct WrittenHouse {
     #[serde(rename = "captures_asked")]
     requested: usize,
     capture_s: f64,
+    /// Minimum number of light samples of a vertex; 0 without baked light.
     light_samples: u32,
+    /// Exposure that is baked in, stops.
+    exposure: Option<f32>,
     interrupted: bool,
 }
 
@@ -233,7 +236,8 @@ impl HouseFileArgs {
                 captures: made.captures,
                 requested: made.requested,
                 capture_s: made.capture_time.as_secs_f64(),
-                light_samples: made.light_samples,
+                light_samples: made.light.map_or(0, |light| light.samples),
+                exposure: made.light.map(|light| light.exposure.log2()),
                 interrupted: interrupt::is_requested(),
             });
         }
@@ -276,6 +280,11 @@ impl HouseFileArgs {
             "{output}: {captures} captures in {}{size}",
             duration(house.capture_s)
         );
+        if let Some(exposure) = house.exposure {
+            println!(
+                "baked with --exposure {exposure:.2}, with which truth of the model is as bright"
+            );
+        }
         if house.interrupted {
             println!(
                 "interrupted: {captures} of {} captures are in it, the others are made during a walk;",
