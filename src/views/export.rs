@@ -135,7 +135,7 @@ fn write_glb(
     if options.has_gaussians {
         let cube = cube(view)?;
         let summary = splats_glb::write(&cube, point_budget(options), progress, to)?;
-        return Ok(describe_points("Gaussians", summary));
+        return Ok(describe_points("Gaussians", Y_UP, summary));
     }
     let budget = GlbBudget {
         triangles: options.triangles,
@@ -158,7 +158,7 @@ fn write_glb(
     };
     Ok(ExportSummary {
         details: format!(
-            ", {triangles} triangles, Y up, in metres, samples off by up to {error_px:.1} face pixels{textures}"
+            ", {triangles} triangles, {Y_UP}, samples off by up to {error_px:.1} face pixels{textures}"
         ),
         figures: vec![
             ("triangles", triangles.into()),
@@ -181,12 +181,13 @@ fn write_ply(
 ) -> Result<ExportSummary, ViewError> {
     let cube = cube(view)?;
     let budget = point_budget(options);
-    let (kind, summary) = if options.points {
-        ("points", ply::write_points(&cube, budget, progress, to)?)
-    } else {
-        ("Gaussians", splats::write_ply(&cube, budget, progress, to)?)
-    };
-    Ok(describe_points(kind, summary))
+    if options.points {
+        let summary = ply::write_points(&cube, budget, progress, to)?;
+        return Ok(describe_points("points", Y_UP, summary));
+    }
+    let summary = splats::write_ply(&cube, budget, progress, to)?;
+    let axes = "Y down and Z ahead as trained splats, in metres from the headbox";
+    Ok(describe_points("Gaussians", axes, summary))
 }
 
 /// Returns the budget of a file of points.
@@ -197,8 +198,11 @@ fn point_budget(options: &ExportOptions) -> PointBudget {
     }
 }
 
+/// Axes and unit of files that lie at their place in the scene.
+const Y_UP: &str = "Y up, in metres";
+
 /// Describes a file of points.
-fn describe_points(kind: &str, summary: PointSummary) -> ExportSummary {
+fn describe_points(kind: &str, axes: &str, summary: PointSummary) -> ExportSummary {
     let PointSummary {
         points,
         samples,
@@ -215,7 +219,7 @@ fn describe_points(kind: &str, summary: PointSummary) -> ExportSummary {
          --gaussians or --mb"
     );
     ExportSummary {
-        details: format!(", {points} {kind}{reduced}, Y up, in metres"),
+        details: format!(", {points} {kind}{reduced}, {axes}"),
         figures: vec![
             ("points", points.into()),
             ("samples", samples.into()),

@@ -6,6 +6,9 @@ use headbox_core::progress::Progress;
 use headbox_cube::pack::CubeLdi;
 use std::io::Write;
 
+/// Description of the positions.
+const AXES: &str = "metres, X right, Y up";
+
 /// Properties of a point.
 const PROPERTIES: [&str; 10] = [
     "double x",
@@ -34,11 +37,11 @@ pub fn write_points(
     /// Bytes of a point.
     const POINT_BYTES: u64 = 3 * 8 + 3 * 4 + 4;
     let sizes = [
-        header(cube, &PROPERTIES, u64::MAX).len() as u64,
+        header(cube, &PROPERTIES, AXES, u64::MAX).len() as u64,
         POINT_BYTES,
     ];
     let points = Points::new(cube, false, budget, sizes, progress)?;
-    to.write_all(header(cube, &PROPERTIES, points.summary.points).as_bytes())?;
+    to.write_all(header(cube, &PROPERTIES, AXES, points.summary.points).as_bytes())?;
     points.for_each(progress, &mut |surfel| {
         let position = cube.info.centre + surfel.position;
         to.write_all(bytemuck::bytes_of(&position))?;
@@ -48,8 +51,8 @@ pub fn write_points(
     Ok(points.summary)
 }
 
-/// Returns the header of a file with `count` vertices.
-pub(crate) fn header(cube: &CubeLdi, properties: &[&str], count: u64) -> String {
+/// Returns the header of a file with `count` vertices; `axes` describes their positions.
+pub(crate) fn header(cube: &CubeLdi, properties: &[&str], axes: &str, count: u64) -> String {
     let [x, y, z] = cube.info.centre.to_array();
     let properties: String = properties
         .iter()
@@ -57,6 +60,6 @@ pub(crate) fn header(cube: &CubeLdi, properties: &[&str], count: u64) -> String 
         .collect();
     format!(
         "ply\nformat binary_little_endian 1.0\ncomment headbox: centre {x} {y} {z}, metres, Y up\n\
-         element vertex {count}\n{properties}end_header\n"
+         comment vertices: {axes}\nelement vertex {count}\n{properties}end_header\n"
     )
 }

@@ -23,6 +23,9 @@ const OPACITY: [f32; 2] = [0.004, 0.996];
 /// Value of the spherical harmonic of degree 0.
 const HARMONIC_0: f32 = 0.282_094_8;
 
+/// Description of the positions.
+const AXES: &str = "metres from the centre of the headbox, X right, Y down, Z ahead";
+
 /// Properties of a Gaussian.
 const PROPERTIES: [&str; 17] = [
     "float x",
@@ -55,10 +58,10 @@ pub fn write_ply(
     progress: &dyn Progress,
     to: &mut dyn Write,
 ) -> Result<PointSummary, ExportError> {
-    let header_bytes = ply::header(cube, &PROPERTIES, u64::MAX).len() as u64;
+    let header_bytes = ply::header(cube, &PROPERTIES, AXES, u64::MAX).len() as u64;
     let sizes = [header_bytes, 4 * PROPERTIES.len() as u64];
     let points = Points::new(cube, true, budget, sizes, progress)?;
-    to.write_all(ply::header(cube, &PROPERTIES, points.summary.points).as_bytes())?;
+    to.write_all(ply::header(cube, &PROPERTIES, AXES, points.summary.points).as_bytes())?;
     points.for_each(progress, &mut |surfel| {
         let values = Gaussian::new(surfel, flip).values();
         Ok(to.write_all(&values.map(f32::to_le_bytes).concat())?)
