@@ -317,10 +317,12 @@ impl TexturePainter<'_, '_> {
     ///
     /// In a gap of an opaque region the texel is opaque, and outside the face it has the mean alpha.
     /// It is opaque, too, behind occluders that frames never blend with the region: they hide it,
-    /// and no crack opens beside them for other eyes. At the region's border, and behind occluders
-    /// close to it, it is transparent, so that the bilinear alpha falls like the weight of a tent,
-    /// and adjacent surfaces are accumulated as with samples. It is transparent in a gap
-    /// among partly covered pixels: of leaves or a fence, where all rays have passed.
+    /// and no crack opens beside them for other eyes. Behind occluders close to it, such as the
+    /// other wall at a corner of a room, it is opaque in their colour, so that blending with it
+    /// changes nothing (docs/decisions/0084). At the region's border it is transparent, so that the
+    /// bilinear alpha falls like the weight of a tent, and adjacent surfaces are accumulated as with
+    /// samples. It is transparent in a gap among partly covered pixels: of leaves or a fence, where
+    /// all rays have passed.
     fn extrapolate(&self, x: i32, y: i32, around: &[Option<[u8; 4]>]) -> [u8; 4] {
         let (mut sum, mut count, mut is_opaque) = ([0u32; 4], 0, true);
         for color in around.iter().flatten() {
@@ -344,17 +346,41 @@ impl TexturePainter<'_, '_> {
         } else {
             self.is_occluded(x, y)
         };
-        [r, g, b, if continues && is_opaque { 255 } else { 0 }]
+        let color = match is_opaque {
+            false => None,
+            true if continues => Some([r, g, b]),
+            true => self.color_close_in_front(x, y),
+        };
+        let alpha = if color.is_some() { 255 } else { 0 };
+        let [r, g, b] = color.unwrap_or([r, g, b]);
+        [r, g, b, alpha]
     }
 
-    /// Returns true if all samples of a pixel are so far in front of the region's plane that no
-    /// frame blends them with it.
+    /// Returns the colour of what is close in front of the region's plane in a pixel, if it is
+    /// opaque.
+    fn color_close_in_front(&self, x: i32, y: i32) -> Option<[u8; 3]> {
+        let close = self.plane_at(x, y)..=self.far_in_front(x, y);
+        let is_close = |sample: &&DepthPixel| close.contains(&f64::from(sample.inverse_depth));
+        let mut samples = self.grower.face.pixel(x as u32, y as u32).iter();
+        let [r, g, b, alpha] = samples.rfind(is_close)?.color_srgb;
+        (alpha == 255).then_some([r, g, b])
+    }
+
+    /// Inverse depth of the region's plane at the middle of a pixel, 1/m.
+    fn plane_at(&self, x: i32, y: i32) -> f64 {
+        let [x, y] = [x, y].map(|v| f64::from(v) + 0.5);
+        self.region.affine.inverse_depth(x, y)
+    }
+
+    /// Inverse depth from which a sample is so far in front of the region's plane that no frame
+    /// blends it with the plane, 1/m.
+    fn far_in_front(&self, x: i32, y: i32) -> f64 {
+        APART * self.plane_at(x, y).max(0.0) + 2.0 * self.grower.bin
+    }
+
+    /// Returns true if all samples of a pixel are far in front of the region's plane.
     fn is_occluded(&self, x: i32, y: i32) -> bool {
-        let plane = self
-            .region
-            .affine
-            .inverse_depth(f64::from(x) + 0.5, f64::from(y) + 0.5);
-        let in_front = APART * plane.max(0.0) + 2.0 * self.grower.bin;
+        let in_front = self.far_in_front(x, y);
         let samples = self.grower.face.pixel(x as u32, y as u32);
         let is_in_front = |sample: &DepthPixel| f64::from(sample.inverse_depth) > in_front;
         samples.iter().all(is_in_front)

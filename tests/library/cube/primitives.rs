@@ -234,13 +234,21 @@ fn texels(set: &PlaneSet) -> Vec<([u32; 2], f64, [u8; 4])> {
     found
 }
 
-/// Behind something far in front of it, a wall continues by a texel; not behind something close to
-/// it, whose colours frames average with those of the wall.
+/// Behind something far in front of it, a wall continues by a texel. So it does behind something
+/// opaque close to it, with which frames average it, in the colour of that; but not in front of
+/// something.
 #[test]
-fn wall_continues_behind_distant_occluders() {
+fn wall_continues_behind_occluders() {
     let middle = FACE_PX / 2;
     let occluder = middle - 6..middle + 6;
-    for (inverse_depth, expected) in [(0.3, 255), (0.122, 0)] {
+    let green = [10, 200, 30];
+    let cases = [
+        ("far in front", 0.3, 255, 255, false),
+        ("close in front", 0.122, 255, 255, true),
+        ("translucent", 0.122, 100, 0, false),
+        ("behind", 0.1, 255, 0, false),
+    ];
+    for (place, inverse_depth, alpha, expected_alpha, is_green) in cases {
         let mut ldi = quick(&wall(), FACE_PX);
         let face = &mut ldi.faces[Face::NegZ.index()];
         for (y, x) in occluder
@@ -252,21 +260,26 @@ fn wall_continues_behind_distant_occluders() {
             for sample in &mut face.samples[start..end] {
                 // In no plane of its own.
                 sample.inverse_depth = inverse_depth * if (x + y) % 2 == 0 { 1.0 } else { 1.01 };
+                let [r, g, b] = green;
+                sample.color_srgb = [r, g, b, alpha];
             }
         }
         let set = choose(&mut ldi, DEFAULT_ERROR_PX);
         let mut count = 0;
-        for ([x, y], plane, texel) in texels(&set) {
+        for ([x, y], plane, [r, g, b, alpha]) in texels(&set) {
             let is_wall = (plane * 9.0 - 1.0).abs() < 1e-3;
             if is_wall && occluder.contains(&x) && occluder.contains(&y) {
                 let rim = [occluder.start, occluder.end - 1];
                 let is_rim = rim.contains(&x) || rim.contains(&y);
-                let alpha = if is_rim { expected } else { 0 };
-                assert_eq!(texel[3], alpha, "pixel {x}, {y} behind {inverse_depth}");
+                let expected = if is_rim { expected_alpha } else { 0 };
+                assert_eq!(alpha, expected, "pixel {x}, {y}, {place}");
+                if is_rim && alpha == 255 {
+                    assert_eq!([r, g, b] == green, is_green, "pixel {x}, {y}, {place}");
+                }
                 count += 1;
             }
         }
-        assert!(count >= 144, "{count} texels behind {inverse_depth}");
+        assert!(count >= 144, "{count} texels, {place}");
     }
 }
 
