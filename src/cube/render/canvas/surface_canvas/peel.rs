@@ -32,6 +32,13 @@ impl Tolerance {
     fn background_reach<S: Simd>(self, inverse_depth: f32x8<S>) -> f32x8<S> {
         inverse_depth + (inverse_depth * (self.relative * BACKGROUND_TOLERANCE)).max(self.least)
     }
+
+    /// Returns the least [`Self::reach`] of splats that belong to the surface of a background in
+    /// front of them, in lanes: of those a quarter of the tolerance behind it.
+    #[inline(always)]
+    fn reach_at_background<S: Simd>(self, inverse_depth: f32x8<S>) -> f32x8<S> {
+        inverse_depth + inverse_depth * (self.relative * (1.0 - BACKGROUND_TOLERANCE))
+    }
 }
 
 /// Set of rows of a tile, one bit each.
@@ -93,6 +100,8 @@ const NO_SPAN: TentSpan = TentSpan {
 struct TileRow {
     /// Inverse depth of the front surface: the maximum.
     front: [f32; BLOCK],
+    /// Least [`Tolerance::reach`] of splats on the front surface.
+    least_reach: [f32; BLOCK],
     /// Inverse depth of the second surface.
     second: [f32; BLOCK],
     /// Weights of the front surface, when `sums` has those of the second.
@@ -111,6 +120,7 @@ struct TileRow {
 
 const EMPTY: TileRow = TileRow {
     front: [0.0; BLOCK],
+    least_reach: [0.0; BLOCK],
     second: [NOWHERE; BLOCK],
     front_weights: [0; BLOCK],
     sums: NO_SUMS,
@@ -246,7 +256,7 @@ impl Peel {
         for (i, span) in self.spans.iter().take(self.count).enumerate() {
             let row = &mut self.rows[span.row as usize % TILE_ROWS];
             let weight = u32x8::load_array(simd, span.weights);
-            let on_front = f32x8::load_array(simd, row.front).simd_le(span.reach);
+            let on_front = f32x8::load_array(simd, row.least_reach).simd_le(span.reach);
             add(simd, &mut row.sums, on_front.select(weight, zero), span);
             let behind = is_positive(weight) & !on_front;
             let q = behind.select(f32x8::splat(simd, span.inverse_depth), nowhere);
@@ -270,7 +280,7 @@ impl Peel {
             let row = &mut self.rows[span.row as usize % TILE_ROWS];
             let second = f32x8::load_array(simd, row.second);
             let behind =
-                f32x8::load_array(simd, row.front).simd_gt(span.reach) & second.simd_ge(0.0);
+                f32x8::load_array(simd, row.least_reach).simd_gt(span.reach) & second.simd_ge(0.0);
             if !behind.any_true() {
                 continue;
             }
@@ -321,8 +331,12 @@ impl TileRow {
     fn begin_front<S: Simd>(&mut self, simd: S, tolerance: Tolerance) {
         let q = f32x8::load_array(simd, self.background_depth);
         let exists = q.simd_ge(0.0);
-        let on_front =
-            f32x8::load_array(simd, self.front).simd_le(tolerance.background_reach(q)) & exists;
+        let front = f32x8::load_array(simd, self.front);
+        let on_front = front.simd_le(tolerance.background_reach(q)) & exists;
+        // The depth of the background is exact: it hides splats that are barely behind it.
+        (exists & front.simd_le(q))
+            .select(tolerance.reach_at_background(front), front)
+            .store_array(&mut self.least_reach);
         self.sums = background_sums(simd, on_front, &self.background);
         (!on_front & exists)
             .select(q, f32x8::splat(simd, NOWHERE))

@@ -113,6 +113,11 @@ fn reach(q: f32, relative: f32) -> f32 {
     q + (q * relative).max(TOLERANCE.least)
 }
 
+/// Returns the least [`reach`] of splats on the surface of a background that is in front.
+fn reach_at_background(q: f32) -> f32 {
+    q + q * (TOLERANCE.relative * (1.0 - BACKGROUND_TOLERANCE))
+}
+
 /// Returns the result of a pixel by definition, and the inverse depth of its front surface.
 /// `background`: an opaque colour.
 fn expected_pixel(
@@ -120,10 +125,8 @@ fn expected_pixel(
     background: Option<([u8; 3], f32)>,
 ) -> ([u8; 4], f32) {
     let splats = splats.into_iter().map(|splat| (splat, TOLERANCE.relative));
-    let background = background.map(|(color, q)| {
-        let relative = TOLERANCE.relative * BACKGROUND_TOLERANCE;
-        ((ONE, color, q, None), relative)
-    });
+    let background_relative = TOLERANCE.relative * BACKGROUND_TOLERANCE;
+    let background = background.map(|(color, q)| ((ONE, color, q, None), background_relative));
     let mut remaining: Vec<(PixelSplat, f32)> = splats
         .chain(background)
         .filter(|((weight, ..), _)| *weight > 0)
@@ -137,12 +140,20 @@ fn expected_pixel(
         splats.into_iter().map(|(splat, _)| splat).collect()
     };
     let front = nearest(&remaining).max(0.0);
+    let is_background_front = background.is_some_and(|((_, _, q, _), _)| front <= q);
     let mut nearer: Vec<PixelSplat> = Vec::new();
     for (i, surface) in surfaces[..2].iter_mut().enumerate() {
         let nearest = nearest(&remaining);
-        let (on_surface, behind): (Vec<_>, Vec<_>) = remaining
-            .into_iter()
-            .partition(|((_, _, q, _), relative)| nearest <= reach(*q, *relative));
+        let (on_surface, behind): (Vec<_>, Vec<_>) =
+            remaining.into_iter().partition(|((_, _, q, _), relative)| {
+                let is_splat = *relative == TOLERANCE.relative;
+                let least_reach = if i == 0 && is_background_front && is_splat {
+                    reach_at_background(nearest)
+                } else {
+                    nearest
+                };
+                least_reach <= reach(*q, *relative)
+            });
         let on_surface = without_tolerance(on_surface);
         nearer.extend(&on_surface);
         *surface = mean(&on_surface);
@@ -437,6 +448,15 @@ fn splats_at_tolerance_belong_to_surface() {
             cases.push((vec![(half, red, 2.0, None), (half, green, front, None)], q));
             cases.push((vec![(half, green, front, None)], q));
         }
+        let border = (reach_at_background(q) - TOLERANCE.least)
+            .min(reach_at_background(q) / (1.0 + TOLERANCE.relative));
+        for hidden in around(border) {
+            cases.push((vec![(half, green, hidden, None)], q));
+        }
+        assert!(
+            reach(border, TOLERANCE.relative) >= q,
+            "visible without a background"
+        );
     }
     for q in [0.0, 0.01] {
         cases.extend([
