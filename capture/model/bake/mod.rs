@@ -7,8 +7,8 @@
 //!   albedo (vertex colour included) plus its emission, as `truth --unlit`, a capture without light
 //!   samples and a rasteriser compute it.
 //! * Emission and sky are multiplied by the exposure, and there is no sun, so that the exposure of
-//!   the baked scene is 1. Its light, [`headbox_trace::light::Lighting::unmetered`] without bounces,
-//!   is the sky for rays that leave the scene.
+//!   the baked scene is 1. Its light, [`headbox_trace::light::Lighting::unmetered`] without
+//!   bounces, is the sky for rays that leave the scene.
 //!
 //! Geometry, images and truth of one baked scene therefore agree by construction. Compared with the
 //! unbaked scene, changes of light between vertices are lost (fewer with shorter edges), and the

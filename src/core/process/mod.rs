@@ -1,5 +1,5 @@
-//! Running of the process: SIMD level, memory, background tasks, progress, processor time, and panics
-//! of third-party code.
+//! Running of the process: SIMD level, memory, background tasks, progress, processor time, and
+//! panics of third-party code.
 
 pub mod memory;
 pub mod panics;

@@ -13,8 +13,8 @@ const SPACING_M: f64 = 0.25;
 const MAX_POINTS: f64 = 4096.0;
 
 /// Returns the corners of a short route between two points, without the points themselves: none if
-/// the straight line is free, or if there is no route. `low`, `high`: bounds of the room in x and z,
-/// world metres.
+/// the straight line is free, or if there is no route. `low`, `high`: bounds of the room in x and
+/// z, world metres.
 pub(super) fn corners(
     tracer: &Tracer,
     [from, to]: [DVec3; 2],

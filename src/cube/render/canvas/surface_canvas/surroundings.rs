@@ -1,8 +1,9 @@
 //! Pixels among the samples of a surface (docs/decisions/0083).
 //!
-//! A pixel with samples of a surface in all four quadrants around it lies inside the surface. Half of
-//! the full weight covers it, because the weights of stretched or unevenly spaced samples add up to
-//! less. The quadrants are bits above the value of a weight; *or* combines those of several splats.
+//! A pixel with samples of a surface in all four quadrants around it lies inside the surface. Half
+//! of the full weight covers it, because the weights of stretched or unevenly spaced samples add up
+//! to less. The quadrants are bits above the value of a weight; *or* combines those of several
+//! splats.
 
 use super::tile_splat::SplatKind;
 use fearless_simd::{Simd, i32x8, prelude::*, u32x8};
@@ -20,8 +21,8 @@ const RIM: u32 = LOWER_LEFT << 4;
 /// Bits that are not part of a weight's value.
 pub(super) const MASK: u32 = UPPER_LEFT | UPPER_RIGHT | LOWER_LEFT | LOWER_RIGHT | RIM;
 
-/// Returns the bits that a splat has in pixels at some distances across from its centre, in the rows
-/// on both sides of it.
+/// Returns the bits that a splat has in pixels at some distances across from its centre, in the
+/// rows on both sides of it.
 #[inline(always)]
 pub(super) fn column_bits<S: Simd>(simd: S, kind: SplatKind, across: i32x8<S>) -> u32x8<S> {
     // A table, because branches would be mispredicted.

@@ -336,8 +336,8 @@ fn surfaces_are_blended_in_depth_order() {
     assert_eq!(pixel.color(), [250, 0, 0, 255]);
 }
 
-/// Returns the pixel in column and row 1 with a red splat, of a sixth of the weight there, in each of
-/// some quadrants around it, and perhaps a red rim in it, before blue.
+/// Returns the pixel in column and row 1 with a red splat, of a sixth of the weight there, in each
+/// of some quadrants around it, and perhaps a red rim in it, before blue.
 fn share_of_red(quadrants: &[[i32; 2]], kind: SplatKind, has_rim: bool) -> [u8; 4] {
     let splat = |center: [i32; 2], kind, color, weight, inverse_depth| {
         let profile = |center: i32| [(-1 - center) * TOP / 4, TOP / 4];
@@ -455,7 +455,7 @@ fn splats_at_tolerance_belong_to_surface() {
         }
         assert!(
             reach(border, TOLERANCE.relative) >= q,
-            "visible without a background"
+            "the whole tolerance would accept it"
         );
     }
     for q in [0.0, 0.01] {
