@@ -7,7 +7,8 @@
 //! contains the rim of a surface, and the alpha of a sample is the share of the rays reaching it
 //! that end at it. Seen from the centre, the pixel then has exactly the mixture of colours that its
 //! rays hit. A sample that the centre does not see gets the share of the pixel that it fills,
-//! whatever is in front of it.
+//! whatever is in front of it, and also where the centre would see only the back of a single-sided
+//! surface.
 //!
 //! A surface has a rim only where some neighbouring pixel has no sample of it; everything else
 //! covers its whole pixel. Cheaper estimates cannot distinguish a rim from a surface that few rays
@@ -21,7 +22,7 @@
 use super::centre_rays::CentreRays;
 use headbox_cube::model::depth_bins::DepthBins;
 use headbox_cube::model::samples::{DepthPixel, LayeredDepthImage};
-use headbox_trace::bvh::{PACKET, RayPacket, Tracer};
+use headbox_trace::bvh::{PACKET, Ray, RayPacket, Tracer};
 use rayon::prelude::*;
 use std::borrow::Cow;
 
@@ -37,6 +38,8 @@ pub(crate) struct AlphaMeasure<'a> {
     pub(crate) face: &'a LayeredDepthImage,
     /// Bin spans of the face's samples.
     pub(crate) spans: &'a [BinSpan],
+    /// True if some surfaces are absent from behind.
+    pub(crate) has_single_sided: bool,
 }
 
 /// Side of the blocks of pixels that are searched for sparse surfaces, with one ray a pixel.
@@ -276,12 +279,18 @@ impl AlphaMeasure<'_> {
         &self.spans[first..first + self.face.pixel(x, y).len()]
     }
 
-    /// Share of the pixel's rays that hit something within the span; at least part of a ray's.
+    /// Share of the pixel's rays that hit something within the span, from either side; at least
+    /// part of a ray's.
     fn filled_share(&self, x: u32, y: u32, packets: usize, span: BinSpan) -> f64 {
         let [t_max, t_min] = self.inverse_depth_range(span).map(|q| (1.0 / q) as f32);
         let count = |i| {
-            let rays = self.centre_rays().packet([x, y], i, [t_min, t_max]);
-            self.tracer.occluded_packet(&rays).count_ones()
+            let mut rays = self.centre_rays().packet([x, y], i, [t_min, t_max]);
+            let mut hits = self.tracer.occluded_packet(&rays);
+            if self.has_single_sided {
+                rays.active &= !hits;
+                hits |= self.tracer.occluded_packet(&reversed(&rays));
+            }
+            hits.count_ones()
         };
         let hits: u32 = (0..packets).map(count).sum();
         ray_weight(hits, packets > 1) / (packets * PACKET) as f64
@@ -317,6 +326,23 @@ impl AlphaMeasure<'_> {
             size_px: self.face.size_px,
         }
     }
+}
+
+/// Returns the rays of a packet that have an end, from there to their start.
+fn reversed(rays: &RayPacket) -> RayPacket {
+    let mut backwards = RayPacket::EMPTY;
+    for k in 0..PACKET {
+        if let Some(ray) = rays.ray(k).filter(|ray| ray.t_max.is_finite()) {
+            let from_end = Ray {
+                origin: ray.origin + ray.direction * ray.t_max,
+                direction: -ray.direction,
+                t_min: 0.0,
+                t_max: ray.t_max - ray.t_min,
+            };
+            backwards.set(k, &from_end);
+        }
+    }
+    backwards
 }
 
 /// Returns the distance in bins of the span that is nearest to a depth bin, and its number.
@@ -362,7 +388,7 @@ mod tests {
     use headbox_core::cube_face::Face;
     use headbox_core::random::Rng;
     use headbox_cube::model::parameters::CaptureParameters;
-    use headbox_cube::model::samples::DepthPixel;
+    use headbox_cube::model::samples::{CubeSamples, DepthPixel};
     use headbox_scene::material::Material;
     use headbox_scene::scene::{Scene, Triangle};
     use headbox_trace::bvh::{Ray, Tracer};
@@ -407,9 +433,8 @@ mod tests {
         scene
     }
 
-    /// Share of the middle that is covered in front of the wall: by the alphas of a capture, and by
-    /// rays.
-    fn covered_shares(scene: Scene) -> [f64; 2] {
+    /// A capture about the origin, with its tracer.
+    fn capture(scene: Scene) -> (CubeSamples, Tracer) {
         let spec = CaptureSpec {
             face_size_px: SIZE,
             parameters: CaptureParameters::unlit(16, 16),
@@ -418,10 +443,16 @@ mod tests {
         let tracer = Tracer::new(Arc::new(scene), spec.centre);
         let lighting = Lighting::unmetered(&tracer, 1);
         let options = RunOptions::default();
-        let cube = SceneCapture::new(&spec, &tracer, &lighting, &options)
+        let (cube, _) = SceneCapture::new(&spec, &tracer, &lighting, &options)
             .run()
-            .expect("no file")
-            .0;
+            .expect("no file");
+        (cube, tracer)
+    }
+
+    /// Share of the middle that is covered in front of the wall: by the alphas of a capture, and by
+    /// rays.
+    fn covered_shares(scene: Scene) -> [f64; 2] {
+        let (cube, tracer) = capture(scene);
         let face = &cube.faces[Face::NegZ.index()];
         let mut random = Rng::new(4);
         let (mut captured, mut met) = (0.0, 0.0);
@@ -466,5 +497,53 @@ mod tests {
                 "{count} of {size_m} m, {depth_m} m deep: {captured:.4} instead of {met:.4}"
             );
         }
+    }
+
+    /// A box whose faces are visible from outside. The centre sees its front; its sides, which only
+    /// eyes beside the centre see, turn their backs to the centre.
+    fn solid_box(single_sided: bool) -> Scene {
+        let mut scene = Scene::default();
+        scene.materials.push(Material {
+            single_sided,
+            ..Material::default()
+        });
+        let corner = |i: u32| {
+            let [x, y, z] = [0, 1, 2].map(|axis| f64::from(i >> axis & 1));
+            dvec3(0.2 * x - 0.1, 0.2 * y - 0.1, z - 3.0)
+        };
+        scene.positions.extend((0..8).map(corner));
+        let sides = [
+            [0, 4, 6, 2],
+            [1, 3, 7, 5],
+            [0, 1, 5, 4],
+            [2, 6, 7, 3],
+            [0, 2, 3, 1],
+            [4, 5, 7, 6],
+        ];
+        for [a, b, c, d] in sides {
+            for vertices in [[a, b, c], [a, c, d]] {
+                scene.triangles.push(Triangle {
+                    vertices,
+                    material: 0,
+                });
+            }
+        }
+        scene
+    }
+
+    #[test]
+    fn single_sided_surfaces_cover_as_much_as_others() {
+        let [single, double] = [true, false].map(|single| capture(solid_box(single)).0);
+        let hidden = |cube: &CubeSamples| {
+            let face = &cube.faces[Face::NegZ.index()];
+            let samples = face.samples.iter();
+            samples
+                .filter(|it| it.inverse_depth < 1.0 / 2.05)
+                .map(|it| it.color_srgb[3])
+                .collect::<Vec<u8>>()
+        };
+        let alphas = hidden(&single);
+        assert!(alphas.len() > 500, "{}", alphas.len());
+        assert_eq!(alphas, hidden(&double));
     }
 }

@@ -91,6 +91,11 @@ impl MergedFace {
             half_size_m,
             face: &self.ldi,
             spans: &self.spans,
+            has_single_sided: tracer
+                .scene()
+                .materials
+                .iter()
+                .any(|material| material.single_sided),
         }
     }
 
