@@ -32,6 +32,21 @@ impl Goal {
         }
     }
 
+    /// Returns the number of rays per pixel of the next round, after `samples` in `seconds`: as many
+    /// as before, but few enough for steady progress and for the rest of the time. 0 if the goal
+    /// leaves none.
+    pub(super) fn round(&self, samples: u32, seconds: f64) -> u32 {
+        const MAX_ROUND: u32 = 16;
+        let in_time = match self.time_s {
+            Some(time_s) if samples > 0 => (time_s - seconds) / seconds * f64::from(samples),
+            _ => f64::from(MAX_ROUND),
+        };
+        // Rays are traced in pairs, one for each half of the samples.
+        let in_time = in_time as u32 / 2 * 2;
+        let rest = self.samples.saturating_sub(samples);
+        samples.clamp(2, MAX_ROUND).min(in_time).min(rest)
+    }
+
     /// Returns a note on the time that the goal takes, once it can be estimated: after `samples`
     /// rays per pixel of `expected_samples`, each `ray_s` seconds. Another if that is more than
     /// twice the number that was `announced`: bright light on rare paths is met late. `None` if the
@@ -135,6 +150,25 @@ mod tests {
         assert_eq!(goal.share(400.0, expected, 5.0), 1.0);
         assert_eq!(goal.expected_samples(0, 0.0), f64::from(1 << 20));
         assert_eq!(goal.expected_samples(8, f64::INFINITY), 1.0);
+    }
+
+    #[test]
+    fn rounds_use_the_rest_of_the_time() {
+        let goal = |samples, time_s| Goal {
+            samples,
+            noise_db: None,
+            time_s,
+        };
+        let timed = goal(1 << 20, Some(45.0));
+        // A ray takes a second: 2, 2, 4, 8 and 16 rays, then the 13 s that are left.
+        assert_eq!(timed.round(0, 0.0), 2, "the first round, however late");
+        assert_eq!(timed.round(4, 4.0), 4);
+        assert_eq!(timed.round(16, 16.0), 16);
+        assert_eq!(timed.round(32, 32.0), 12, "an even number");
+        assert_eq!(timed.round(44, 44.0), 0);
+        assert_eq!(timed.round(44, 60.0), 0, "late");
+        assert_eq!(goal(40, None).round(32, 1e6), 8);
+        assert_eq!(goal(40, None).round(40, 1.0), 0);
     }
 
     #[test]

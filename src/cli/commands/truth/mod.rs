@@ -211,8 +211,6 @@ impl TruthCommand {
     /// Traces a frame in rounds until it has its rays, its noise or its time, or is interrupted.
     /// Announces the time once it can be estimated.
     fn trace(&self, camera: &Camera, scene: &LitScene, start: Instant) -> TruthSum {
-        /// Maximum number of rays per pixel of a round.
-        const ROUND: u32 = 16;
         /// Steps of the progress bar.
         const STEPS: u64 = 1000;
         interrupt::keep_partial_results();
@@ -236,11 +234,11 @@ impl TruthCommand {
         let mut sum = TruthSum::new(camera);
         let mut expected_samples = f64::from(goal.samples);
         let mut announced = None;
-        while sum.samples() < goal.samples {
-            let round = sum
-                .samples()
-                .clamp(2, ROUND)
-                .min(goal.samples - sum.samples());
+        loop {
+            let round = goal.round(sum.samples(), rays_start.elapsed().as_secs_f64());
+            if round == 0 {
+                break;
+            }
             let progress = RoundProgress {
                 bar: &bar,
                 goal: &goal,
@@ -253,16 +251,13 @@ impl TruthCommand {
             if !sum.add(tracer, lighting, *lit, round, &progress) {
                 break;
             }
-            let seconds = rays_start.elapsed().as_secs_f64();
-            let ray_s = seconds / f64::from(sum.samples());
-            let next_s = ray_s * f64::from(sum.samples().min(ROUND));
-            let is_late = goal.time_s.is_some_and(|time_s| seconds + next_s > time_s);
+            let ray_s = rays_start.elapsed().as_secs_f64() / f64::from(sum.samples());
             let is_clean = goal.noise_db.is_some_and(|noise_db| {
                 let error_db = sum.truth(lighting).standard_error_psnr_db;
                 expected_samples = goal.expected_samples(sum.samples(), error_db);
                 error_db >= noise_db
             });
-            if is_late || is_clean {
+            if is_clean {
                 break;
             }
             let note = goal.note(sum.samples(), expected_samples, ray_s, announced);
