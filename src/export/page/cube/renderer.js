@@ -262,7 +262,7 @@ export class Renderer {
         gl.drawArrays(gl.TRIANGLES, 0, 3);
       }
       gl.bindVertexArray(this.sampleArray);
-      this.sampleProgram.use(passes);
+      this.sampleProgram.use({ ...passes, hasPlanes, planeDepth: hasPlanes ? planes.depth : this.noTexture });
       for (const { runs, uniforms } of draws) {
         this.sampleProgram.use(uniforms);
         for (const [first, count] of runs) gl.drawArrays(gl.POINTS, first, count);

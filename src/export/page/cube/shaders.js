@@ -14,6 +14,8 @@ uniform int layer;
 uniform bool adds;
 uniform float nearM;
 uniform float opaque;
+/** Share of the tolerance that applies to opaque pixels of planes, whose depth is exact (peel.rs). */
+const float OPAQUE_TOLERANCE = 0.25;
 float inverseDepthAt(sampler2D depths) { return (1.0 - texelFetch(depths, ivec2(gl_FragCoord.xy), 0).r) / nearM; }
 /** Whether 1 / eye depth q is on this surface, or may be the nearest behind the one before it. */
 bool isHere(float q, float apart) {
@@ -69,14 +71,24 @@ void main() {
 
 export const SAMPLE_FRAGMENT = `${HEAD}${PEELING}
 uniform float steps;     // weights are whole numbers of 1 / steps
+uniform float tolerance;
+uniform bool hasPlanes;
+uniform sampler2D planeDepth;
 flat in vec3 tint;
 flat in vec4 tent;
 flat in vec3 weighs;
 out vec4 sum;
+/** Whether the sample is farther behind an opaque pixel of a plane than another may be on its surface, if nothing is nearer. */
+bool isBehindPlane() {
+  if (!hasPlanes || !adds || layer > 0) return false;
+  float front = inverseDepthAt(nearest);
+  float least = front * (1.0 + tolerance * (1.0 - OPAQUE_TOLERANCE));
+  return inverseDepthAt(planeDepth) >= front && weighs.y + weighs.z < least;
+}
 void main() {
   vec2 height = max(1.0 - abs(gl_FragCoord.xy - tent.xy) * tent.zw, 0.0);
   float weight = floor(height.x * height.y * weighs.x * steps + 0.5) / steps;
-  if (weight <= 0.0 || !isHere(weighs.y, weighs.z)) discard;
+  if (weight <= 0.0 || !isHere(weighs.y, weighs.z) || isBehindPlane()) discard;
   sum = vec4(tint * weight, weight);
 }`;
 
@@ -159,8 +171,6 @@ uniform sampler2D planeColor, planeDepth;
 ${rims.map((i) => `uniform sampler2D rimSum${i}, rimDepth${i};`).join('\n')}
 uniform float tolerance, bin;
 out vec4 sum;
-/** Share of the tolerance that applies to opaque pixels, whose depth is exact (peel.rs). */
-const float OPAQUE_TOLERANCE = 0.25;
 float front = 1.0;
 void add(sampler2D sums, sampler2D depths, float tolerated) {
   vec4 found = texelFetch(sums, ivec2(gl_FragCoord.xy), 0);
