@@ -111,6 +111,17 @@ impl<'a> VariantRows<'a> {
 /// Colour of holes in stored frames.
 pub(super) const HOLE: [u8; 3] = [255, 0, 255];
 
+/// Number of pictures in a row of a report's sheets.
+pub const SHEET_COLUMNS: usize = 4;
+
+/// Sentence of a summary on the report's sheets.
+pub(super) fn sheets_sentence() -> String {
+    format!(
+        "Each PNG beside this page shows a photograph, then the frames of all variants in the order of the table, \
+         {SHEET_COLUMNS} in a row."
+    )
+}
+
 /// Least splat coverage of a covered pixel, of 255.
 const COVERED: u8 = 128;
 

@@ -12,7 +12,7 @@
 
 use super::held_out::{
     HOLE, HeldOutComparison, HeldOutFrame, HeldOutRow, HoldOutError, VariantRows, pinhole_camera,
-    reproject,
+    reproject, sheets_sentence,
 };
 use crate::machine::{Machine, commit};
 use crate::table::{Table, figure, percent};
@@ -413,7 +413,7 @@ impl ImagesReport {
         format!(
             "# Views left out of an image set\n\n{} views left out (1 in {}), shown from the others and judged against their \
              photographs where all ways show something.\nCompared with the nearest image alone, the LDI of the {} nearest is {}, \
-             that of all images {}; it covers {} of the photograph instead of {}.\nCommit {}, {}, {} threads, {}.\n\n{table}\n\
+             that of all images {}; it covers {} of the photograph instead of {}.\n{}\nCommit {}, {}, {} threads, {}.\n\n{table}\n\
              Mean absolute differences over that of the nearest picture as it is:\n\n{}\nWeights of distance, angle and visibility by \
              which cameras are ranked ({}), judged where all of them show something:\n\n{}",
             ldi.count(),
@@ -423,6 +423,7 @@ impl ImagesReport {
             better_or_worse(ldi.psnr_db() - nearest.psnr_db()),
             percent(ldi.mean(|row| row.covered)),
             percent(nearest.mean(|row| row.covered)),
+            sheets_sentence(),
             self.commit,
             self.machine.processor,
             self.machine.threads,

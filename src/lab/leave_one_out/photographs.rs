@@ -12,7 +12,7 @@
 
 use super::held_out::{
     HeldOutComparison, HeldOutFrame, HeldOutRow, HoldOutError, VariantRows, pinhole_camera,
-    reproject,
+    reproject, sheets_sentence,
 };
 use crate::machine::{Machine, commit};
 use crate::table::{Table, figure};
@@ -297,8 +297,9 @@ impl PhotographsReport {
         format!(
             "# Photographs left out of a set\n\n{} photographs left out, one at a time, and shown by the nearest other one on a plane, \
              by layered depth images that the others are coloured into about its own camera and about the nearest one's, and by depth that is found \
-             from the others: warped into such cubes, and by view-dependent geometry.\nCommit {}, {}, {} threads, {}.\n\n{table}{without_depth}",
+             from the others: warped into such cubes, and by view-dependent geometry.\n{}\nCommit {}, {}, {} threads, {}.\n\n{table}{without_depth}",
             VariantRows::new(&self.rows, VARIANTS[0]).count(),
+            sheets_sentence(),
             self.commit,
             self.machine.processor,
             self.machine.threads,

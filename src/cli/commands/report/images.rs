@@ -4,6 +4,7 @@ use crate::commands::render::geometry::GeometryArgs;
 use crate::output::{print_warnings, save_picture, write_text};
 use crate::progress::Bar;
 use headbox_images::ImageSet;
+use headbox_lab::held_out::SHEET_COLUMNS;
 use headbox_lab::images::{self, Geometry, SideBySide};
 use headbox_lab::photographs;
 use headbox_ldi::from_images::ImageSetCapture;
@@ -78,7 +79,7 @@ pub(super) fn write(
             let pictures: Vec<&RgbImage> = std::iter::once(&shown.photograph)
                 .chain(&shown.frames)
                 .collect();
-            sheets.save(&shown.view, &pictures, 4);
+            sheets.save(&shown.view, &pictures, SHEET_COLUMNS);
         };
         let report = images::measure(
             set,
@@ -90,7 +91,8 @@ pub(super) fn write(
         )?;
         (serde_json::to_string_pretty(&report)?, report.summary())
     } else {
-        let mut save = |name: &str, pictures: &[&RgbImage]| sheets.save(name, pictures, 4);
+        let mut save =
+            |name: &str, pictures: &[&RgbImage]| sheets.save(name, pictures, SHEET_COLUMNS);
         let job = PhotographsJob::suggest(set);
         print_warnings(job.left_out(&set.views.iter().collect::<Vec<_>>()));
         let report = photographs::measure(set, &job, hold_out, &bar, &mut save)?;

@@ -50,7 +50,7 @@ pub(crate) struct ReportCommand {
     /// --results and --stability: page to write; results.md and STABILITY.md by default
     #[arg(short, long)]
     output: Option<PathBuf>,
-    /// Measure at small sizes: less than two minutes per scene on two cores
+    /// Measure at small sizes: one to two minutes per scene on two cores
     #[arg(long)]
     quick: bool,
     /// Measure at full sizes, frames of 1024x768 and faces of 1024 px, from few eyes and one

@@ -6,6 +6,7 @@ use super::format::{bytes, list, ms, times};
 use crate::report::contender::wall::CURVE;
 use crate::report::rival::KernelTime;
 use crate::report::row::{Report, Row, SceneFacts, chosen, smallest};
+use crate::report::truth_samples::MARGIN_DB;
 use crate::stats::pareto_front;
 use std::fmt::Write;
 
@@ -73,14 +74,23 @@ fn scene(report: &Report, facts: &SceneFacts) -> String {
 /// Formats sizes, eyes and the standard error of truth.
 fn conditions(facts: &SceneFacts) -> String {
     let [width, height] = facts.frame_px;
+    let margin_db = facts.margin_db;
+    let noise = if margin_db >= MARGIN_DB {
+        format!("lies {margin_db:.1} dB or more below every error that is measured with it.")
+    } else {
+        let side = if margin_db < 0.0 { "above" } else { "below" };
+        format!(
+            "lies only {:.1} dB {side} the least error, because the number of rays is limited: its noise is part of all errors.",
+            margin_db.abs()
+        )
+    };
     format!(
         "{} triangles; faces of {} px; {} eyes, frames of {width}x{height} px. Truth has {} rays per pixel; its \
-         standard error lies {:.1} dB or more below every error that is measured with it.\n",
+         standard error {noise}\n",
         facts.triangles,
         facts.face_size_px,
         facts.error_eyes().count(),
         facts.truth_samples_range(),
-        facts.margin_db,
     )
 }
 
@@ -365,7 +375,12 @@ fn difference(row: &Row, base: &Row) -> String {
         parts.push("not a bit of a frame differs".into());
     } else {
         let change = row.psnr_db - base.psnr_db;
-        parts.push(format!("FLIP {:.4}, PSNR {change:+.2} dB", row.flip));
+        let more = if change < 0.0 { "lower" } else { "higher" };
+        parts.push(format!(
+            "FLIP {:.4}, PSNR {:.2} dB {more}",
+            row.flip,
+            change.abs()
+        ));
         if row.psnr_to_baseline_db > 35.0 {
             parts.push(format!(
                 "{:.0} dB from the other's frames",
@@ -380,13 +395,13 @@ fn difference(row: &Row, base: &Row) -> String {
     if let (Some(mine), Some(theirs)) = (row.capture_s, base.capture_s)
         && row.rays != base.rays
     {
-        parts.push(format!("captured in {mine:.1} s for {theirs:.1} s"));
+        parts.push(format!("captured in {mine:.1} s instead of {theirs:.1} s"));
     }
     if let (Some(mine), Some(theirs)) = (row.hole_fraction, base.hole_fraction)
         && (mine - theirs).abs() >= 5e-5
     {
         parts.push(format!(
-            "{:.2} % holes for {:.2} %",
+            "{:.2} % holes instead of {:.2} %",
             mine * 100.0,
             theirs * 100.0
         ));
