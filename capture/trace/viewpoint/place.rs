@@ -21,6 +21,9 @@ const STANDING_ROOM_M: f64 = 0.6;
 const STOREY_M: f64 = 0.5;
 /// Maximum horizontal distance of candidate positions from detail, metres.
 const DETAIL_REACH_M: f64 = 10.0;
+/// Maximum horizontal distance from detail of the positions that tell whether it is in rooms,
+/// metres: farther ones are mostly outside of a small house.
+const ROOM_REACH_M: f64 = 2.0;
 /// Number of seeded candidate positions.
 pub(super) const TRIES: u32 = 600;
 /// Clearance beyond which a standing position does not improve, metres.
@@ -38,9 +41,9 @@ const SHORTLIST: usize = 64;
 const MIN_CLEARANCE_SHARE: f64 = 0.05;
 /// Minimum fraction of standing positions under a level ceiling in a scene that has rooms.
 const MIN_COVERED: f64 = 0.05;
-/// Minimum fraction of standing positions near detail in rooms, in a scene of rooms on large
-/// grounds.
-const MIN_ROOMS_NEAR_DETAIL: f64 = 0.2;
+/// Minimum fraction of standing positions within [`ROOM_REACH_M`] of detail in rooms, in a scene of
+/// rooms on large grounds.
+const MIN_ROOMS_NEAR_DETAIL: f64 = 0.33;
 /// Minimum fraction of directions with surfaces at a covered position that is in a room, and not
 /// under a tree or a bridge.
 const ROOM_ENCLOSED: f64 = 0.9;
@@ -163,9 +166,9 @@ pub(super) fn seeded_place(i: u32, low: DVec3, high: DVec3) -> DVec3 {
     low + (high - low) * DVec3::new(x, y, z)
 }
 
-/// Returns the `i`-th random position near a triangle: detail is where triangles are. In a scene
-/// without triangles any position.
-fn place_near_detail(tracer: &Tracer, i: u32, low: DVec3, high: DVec3) -> DVec3 {
+/// Returns the `i`-th random position near a triangle, at most `reach_m` beside it: detail is where
+/// triangles are. In a scene without triangles any position.
+fn place_near_detail(tracer: &Tracer, i: u32, reach_m: f64, [low, high]: [DVec3; 2]) -> DVec3 {
     let scene = tracer.scene();
     let [pick, turn, share, _] = random4([i, 0xde7a, 0, 0]).map(|r| f64::from(unit_float(r)));
     let triangle = (pick * scene.triangles.len() as f64) as usize;
@@ -174,7 +177,7 @@ fn place_near_detail(tracer: &Tracer, i: u32, low: DVec3, high: DVec3) -> DVec3 
     }
     let middle = scene.corners(triangle as u32).iter().sum::<DVec3>() / 3.0;
     let angle = turn * std::f64::consts::TAU;
-    let offset = DVec3::new(angle.cos(), 0.0, angle.sin()) * (share * DETAIL_REACH_M);
+    let offset = DVec3::new(angle.cos(), 0.0, angle.sin()) * (share * reach_m);
     (middle + offset).clamp(low, high)
 }
 
@@ -203,7 +206,7 @@ fn free_place(tracer: &Tracer) -> Option<DVec3> {
 }
 
 /// A floor on which a person can stand.
-struct Floor {
+pub(super) struct Floor {
     place: DVec3,
     /// True under a level ceiling.
     is_covered: bool,
@@ -227,35 +230,53 @@ impl Floor {
     }
 }
 
-/// Returns the eye position at the best standing position.
-fn standing_place(tracer: &Tracer) -> Option<DVec3> {
+/// Returns the floors below positions on which a person can stand.
+fn floors_below(tracer: &Tracer, places: impl Iterator<Item = DVec3>) -> Vec<Floor> {
+    let places: Vec<DVec3> = places.collect();
+    places
+        .into_par_iter()
+        .filter_map(|place| find_floor(tracer, place))
+        .map(|place| Floor::new(tracer, place))
+        .collect()
+}
+
+/// Returns the floors below random positions in the scene's bounds.
+pub(super) fn floors_anywhere(tracer: &Tracer) -> Vec<Floor> {
     let [low, high] = tracer.scene().bounds();
-    let floors_below = |places: Vec<DVec3>| -> Vec<Floor> {
-        places
-            .into_par_iter()
-            .filter_map(|place| find_floor(tracer, place))
-            .map(|place| Floor::new(tracer, place))
-            .collect()
-    };
-    let anywhere = floors_below((0..TRIES).map(|i| seeded_place(i, low, high)).collect());
-    let near_detail = (0..TRIES).map(|i| place_near_detail(tracer, i, low, high));
-    let near_detail = floors_below(near_detail.collect());
-    // Rooms come before the roof above them, which is emptier and often larger, and before the
-    // ground around them.
+    floors_below(tracer, (0..TRIES).map(|i| seeded_place(i, low, high)))
+}
+
+/// Returns the floors below random positions at most `reach_m` beside detail.
+fn floors_near_detail(tracer: &Tracer, reach_m: f64) -> Vec<Floor> {
+    let bounds = tracer.scene().bounds();
+    let places = (0..TRIES).map(|i| place_near_detail(tracer, i, reach_m, bounds));
+    floors_below(tracer, places)
+}
+
+/// Returns true if the scene is one of rooms: many of its floors are covered, or many of those near
+/// detail are in rooms.
+pub(super) fn has_rooms(tracer: &Tracer, anywhere: &[Floor]) -> bool {
     let is_share = |floors: &[Floor], is_room: fn(&Floor) -> bool, share: f64| {
         let open = floors.iter().filter(|floor| floor.is_open);
         let rooms = open.clone().filter(|floor| is_room(floor)).count();
         rooms > 0 && rooms as f64 >= share * open.count() as f64
     };
-    let has_rooms = is_share(&anywhere, |floor| floor.is_covered, MIN_COVERED)
+    is_share(anywhere, |floor| floor.is_covered, MIN_COVERED)
         || is_share(
-            &near_detail,
+            &floors_near_detail(tracer, ROOM_REACH_M),
             |floor| floor.is_covered && floor.is_enclosed,
             MIN_ROOMS_NEAR_DETAIL,
-        );
+        )
+}
+
+/// Returns the eye position at the best standing position. Rooms come before the roof above them,
+/// which is emptier and often larger, and before the ground around them.
+fn standing_place(tracer: &Tracer) -> Option<DVec3> {
+    let anywhere = floors_anywhere(tracer);
+    let has_rooms = has_rooms(tracer, &anywhere);
     let floors: Vec<Floor> = anywhere
         .into_iter()
-        .chain(near_detail)
+        .chain(floors_near_detail(tracer, DETAIL_REACH_M))
         .filter(|floor| !has_rooms || floor.is_covered)
         .collect();
     // Floors inside solids take part: the roofs of these are another storey.

@@ -278,6 +278,35 @@ fn room_is_preferred_to_its_roof_and_lawn() {
     }
 }
 
+/// Returns a furnished room of 5 m by 4.5 m on a lawn of 45 m by 45 m, with a row of trees.
+fn small_room_on_lawn() -> Tracer {
+    let mut scene = Scene {
+        materials: vec![Material::default()],
+        ..Scene::default()
+    };
+    let (lawn_low, lawn_high) = (dvec3(-20.0, -0.3, -20.0), dvec3(25.0, -0.2, 25.0));
+    push_box(&mut scene, lawn_low, lawn_high, 0);
+    push_box(&mut scene, DVec3::ZERO, dvec3(5.0, 2.6, 4.5), 0);
+    for cupboard in 0..16 {
+        let x = 0.3 * f64::from(cupboard);
+        push_box(&mut scene, dvec3(x, 0.0, 0.0), dvec3(x + 0.28, 0.9, 0.6), 0);
+    }
+    for tree in 0..8 {
+        let x = 2.0 * f64::from(tree) - 5.0;
+        let (low, high) = (dvec3(x, -0.2, 9.0), dvec3(x + 0.6, 4.0, 9.6));
+        push_box(&mut scene, low, high, 0);
+    }
+    Tracer::new(Arc::new(scene), DVec3::ZERO)
+}
+
+#[test]
+fn small_house_on_large_grounds_has_rooms() {
+    let has_rooms = |tracer: &Tracer| place::has_rooms(tracer, &place::floors_anywhere(tracer));
+    assert!(has_rooms(&small_room_on_lawn()));
+    assert!(has_rooms(&office(40.0)));
+    assert!(!has_rooms(&street(true)));
+}
+
 /// Two rows of closed blocks that stand wall to wall, 12 m apart, with windows in the planes of
 /// their walls, on a ground that continues below them: a street that is modelled from outside.
 fn street(has_bottoms: bool) -> Tracer {
