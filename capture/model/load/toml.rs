@@ -39,7 +39,7 @@ fn one() -> f64 {
 }
 
 #[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, expecting = "[[cell]] with a name")]
 struct FileCell {
     name: String,
     #[serde(default)]
@@ -51,7 +51,10 @@ struct FileCell {
 }
 
 #[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(
+    deny_unknown_fields,
+    expecting = "[[cell.prism]] with outline, floor and ceiling"
+)]
 struct FilePrism {
     outline: Vec<[f64; 2]>,
     floor: f64,
@@ -59,7 +62,7 @@ struct FilePrism {
 }
 
 #[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, expecting = "[[portal]] with cells and polygon")]
 struct FilePortal {
     #[serde(default)]
     name: String,
@@ -256,7 +259,21 @@ fn matches(pattern: &str, name: &str) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::matches;
+    use super::{FileModel, matches};
+
+    #[test]
+    fn wrong_types_are_named_as_in_the_file() {
+        let message = |text: &str| {
+            let parsed: Result<FileModel, _> = toml::from_str(text);
+            parsed.err().unwrap().message().to_owned()
+        };
+        let prism = message("scene = 'a.obj'\n[[cell]]\nname = 'a'\nprism = [1]");
+        assert!(prism.contains("[[cell.prism]] with outline"), "{prism}");
+        let cell = message("scene = 'a.obj'\ncell = [1]");
+        assert!(cell.contains("[[cell]] with a name"), "{cell}");
+        let portal = message("scene = 'a.obj'\nportal = [1]");
+        assert!(portal.contains("[[portal]] with cells"), "{portal}");
+    }
 
     #[test]
     fn star_matches_anything() {

@@ -134,7 +134,9 @@ fn unknown_home(path: &Path) -> String {
     if beside.is_file() {
         return format!("not a home; use {}, which lies beside it", beside.display());
     }
-    "unknown home format; use a .toml, Home.xml or .sh3d file, or builtin:house".into()
+    "unknown home format; use Home.xml, a .sh3d file, builtin:house, or a .toml file that names \
+     a scene and its rooms"
+        .into()
 }
 
 /// Explains why a file that is not a supported scene is refused.

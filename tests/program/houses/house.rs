@@ -306,6 +306,18 @@ fn mistakes_are_named() {
     says(1, &["nowhere.toml"], "nowhere.toml: No such file");
     says(1, &["other/plan.obj"], "unknown home format");
     says(1, &["Home.xml"], "Home.xml: ");
+    let model = "scene = \"home.obj\"\n[[cell]]\nname = \"hall\"\n";
+    std::fs::write(dir.path().join("spaceless.toml"), model).unwrap();
+    std::fs::write(
+        dir.path().join("home.obj"),
+        "v 0 0 0\nv 1 0 0\nv 0 0 1\nf 1 2 3\n",
+    )
+    .unwrap();
+    says(
+        1,
+        &["spaceless.toml", "--unlit", "-o", "spaceless.house"],
+        "no room has space; a .toml model gives it",
+    );
     std::fs::write(dir.path().join("home.obj"), "").unwrap();
     says(
         1,

@@ -8,6 +8,7 @@ mod write;
 
 use crate::args::{LightArgs, StrictArgs};
 use crate::output::{Outputs, PLAN, print_json, write_text};
+use anyhow::bail;
 use clap::Args;
 use glam::{DVec2, DVec3};
 use headbox_core::file_frame::triple;
@@ -95,6 +96,11 @@ impl HouseCommand {
         report["plans"] = names.collect();
         if !self.json {
             survey.print();
+        }
+        let has_room = survey.model.cells.iter().any(|cell| !cell.space.is_empty());
+        let lacks_space = |finding: &Finding| matches!(finding, Finding::NoSpace { .. });
+        if writes && !has_room && survey.findings.iter().any(lacks_space) {
+            bail!("no room has space; a .toml model gives it with [[cell.prism]]");
         }
         if writes {
             let written = self.file.write(survey.model)?;

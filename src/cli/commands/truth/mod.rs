@@ -144,14 +144,15 @@ impl TruthCommand {
 
     /// Reopens the scene of a cube LDI.
     fn open_ldi(&self, outputs: &Outputs) -> anyhow::Result<Subject> {
+        let cube = CubeLdi::read(Path::new(self.scene.name()))?;
+        let info = cube.info.clone();
+        let is_lit = info.parameters.light_samples > 0;
         let own_flags = [
             ("--bounces", self.bounces.is_some()),
-            ("--unlit", self.unlit),
+            ("--unlit", self.unlit && is_lit),
         ];
         let flags = self.scene.source.given_flags().into_iter();
         refuse_given("a cube LDI, which has its own", flags.chain(own_flags))?;
-        let cube = CubeLdi::read(Path::new(self.scene.name()))?;
-        let info = cube.info.clone();
         let mut scene = LitScene::reopen(&info).map_err(|error| anyhow!(error))?;
         outputs.add_scene(&info.scene, scene.tracer.scene(), self.strict)?;
         scene.guide();
