@@ -85,6 +85,11 @@ impl HouseCommand {
             .map(|finding| finding.in_file(&frame))
             .collect();
         let survey = Survey { model, findings };
+        let has_room = survey.model.cells.iter().any(|cell| !cell.space.is_empty());
+        let lacks_space = |finding: &Finding| matches!(finding, Finding::NoSpace { .. });
+        if writes && !has_room && survey.findings.iter().any(lacks_space) {
+            bail!("no room has space; a .toml model gives it with [[cell.prism]]");
+        }
         let plans = self
             .plan
             .as_ref()
@@ -96,11 +101,6 @@ impl HouseCommand {
         report["plans"] = names.collect();
         if !self.json {
             survey.print();
-        }
-        let has_room = survey.model.cells.iter().any(|cell| !cell.space.is_empty());
-        let lacks_space = |finding: &Finding| matches!(finding, Finding::NoSpace { .. });
-        if writes && !has_room && survey.findings.iter().any(lacks_space) {
-            bail!("no room has space; a .toml model gives it with [[cell.prism]]");
         }
         if writes {
             let written = self.file.write(survey.model)?;
