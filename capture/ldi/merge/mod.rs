@@ -13,3 +13,5 @@ pub(crate) mod coverage;
 pub(crate) mod finish;
 pub(crate) mod merged_face;
 pub(crate) mod shares;
+#[cfg(test)]
+mod tests;

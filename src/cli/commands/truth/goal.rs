@@ -33,8 +33,8 @@ impl Goal {
     }
 
     /// Returns the number of rays per pixel of the next round, after `samples` in `seconds`: as
-    /// many as before, but few enough for steady progress and for the rest of the time. 0 if the
-    /// goal leaves none.
+    /// many again, but few enough for steady progress and for the rest of the time. 0 if the goal
+    /// is reached or no time is left.
     pub(super) fn round(&self, samples: u32, seconds: f64) -> u32 {
         const MAX_ROUND: u32 = 16;
         let in_time = match self.time_s {
