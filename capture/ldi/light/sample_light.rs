@@ -12,6 +12,7 @@ use super::pool::{
     BlockSurvey, BlockWindows, Blocks, ClassStatistics, GatheredLight, NormalGradients,
     PooledLight, Pooling,
 };
+use super::sampling_area::{SamplingArea, beside_steps};
 use super::shade::{Shader, SurfaceSample};
 use crate::surfaces::distribute::{SampleRange, distribute_samples};
 use crate::surfaces::rows::{self, Row};
@@ -67,6 +68,7 @@ pub(crate) fn sample_light(
         shader,
         size_px: surfaces.size_px,
         progress: shader.capture.options.progress,
+        beside_steps: beside_steps(surfaces),
     };
     light.light_by_sun(surfaces);
     light.sample_soft(surfaces)
@@ -103,6 +105,8 @@ pub(super) struct FaceLight<'a> {
     pub(super) shader: &'a Shader<'a>,
     pub(super) size_px: u32,
     pub(super) progress: &'a dyn Progress,
+    /// For each sample of the face, true if it is [beside a step](beside_steps).
+    pub(super) beside_steps: Vec<bool>,
 }
 
 /// Limits of the number of light samples of a surface sample.
@@ -151,6 +155,27 @@ impl FaceLight<'_> {
         };
         let rows = rows::split_rows(offsets, size, all);
         rows.into_par_iter().enumerate().map(visit_row).collect()
+    }
+
+    /// The area over which the light of a sample is taken; `i` is its index, and (x, y) its pixel.
+    pub(super) fn sampling_area<'s>(
+        &'s self,
+        sample: &'s SurfaceSample,
+        i: usize,
+        [x, y]: [u32; 2],
+        offsets: &[u32],
+    ) -> SamplingArea<'s> {
+        let pixel = y as usize * self.size_px as usize + x as usize;
+        let tracer = self.shader.capture.tracer;
+        SamplingArea {
+            tracer,
+            spec: self.shader.capture.spec,
+            sample,
+            triangle: tracer.triangle(sample.primitive),
+            representative: self.shader.representative(sample),
+            is_alone: offsets[pixel + 1] - offsets[pixel] == 1,
+            is_beside_step: self.beside_steps[i],
+        }
     }
 
     /// Samples soft light: all light except that straight from the sun.
@@ -278,8 +303,7 @@ impl FaceLight<'_> {
                 if count == 0 {
                     return;
                 }
-                let is_alone = surfaces.pixel(pixel[0], pixel[1]).len() == 1;
-                let area = self.shader.sampling_area(surface, is_alone);
+                let area = self.sampling_area(surface, i, pixel, &surfaces.offsets);
                 let stream = self.stream(surface, 0x50f7 + round);
                 let mut gradient = Vec3::ZERO;
                 for number in 0..count {
@@ -339,7 +363,7 @@ impl FaceLight<'_> {
                 }
                 for (partial, beyond) in row.partial.iter().zip(beyond) {
                     let surface = &surfaces.samples[partial.surface as usize];
-                    let point = self.shader.sampling_area(surface, true).representative;
+                    let point = self.shader.representative(surface);
                     let light = partial.arrival.contribution(*beyond) * lighting.exposure;
                     gradients[partial.surface as usize - first] +=
                         arrival_gradient(&point, &partial.arrival, light);
@@ -417,6 +441,7 @@ mod tests {
             shader: &shader,
             size_px,
             progress: options.progress,
+            beside_steps: Vec::new(),
         };
         let pooled = PooledLight {
             light: Vec3::splat(0.4),

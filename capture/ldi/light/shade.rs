@@ -10,7 +10,6 @@
 //! its part of the pixel. Without the grid, an LDI with half of the rays aliases
 //! (docs/decisions/0007).
 
-use super::sampling_area::SamplingArea;
 use crate::accumulate::accumulator::{Accumulator, to_unorm16};
 use crate::capture::SceneCapture;
 use glam::{DVec3, Vec2, Vec3};
@@ -122,21 +121,16 @@ impl Shader<'_> {
         }
     }
 
-    /// The area over which the light of a sample is taken. `is_alone`: there is no other sample in
-    /// its pixel.
-    pub(super) fn sampling_area(&self, sample: &SurfaceSample, is_alone: bool) -> SamplingArea<'_> {
+    /// The point of a sample that a ray has met.
+    pub(super) fn representative(&self, sample: &SurfaceSample) -> LitPoint {
         let tracer = self.capture.tracer;
         let [u, v] = sample.barycentric.map(|c| f32::from(c) / 65_535.0);
-        let triangle @ [a, b, c] = tracer.triangle(sample.primitive);
-        SamplingArea {
-            triangle,
-            representative: LitPoint {
-                position: a + (b - a) * u + (c - a) * v,
-                normal: sample.plane_normal,
-                shading_normal: self.shading_normal(sample),
-                extent: tracer.extent(sample.primitive),
-            },
-            occluders: (!is_alone).then_some(tracer),
+        let [a, b, c] = tracer.triangle(sample.primitive);
+        LitPoint {
+            position: a + (b - a) * u + (c - a) * v,
+            normal: sample.plane_normal,
+            shading_normal: self.shading_normal(sample),
+            extent: tracer.extent(sample.primitive),
         }
     }
 

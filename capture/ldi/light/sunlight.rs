@@ -74,10 +74,7 @@ impl FaceLight<'_> {
             if more == 0 {
                 return;
             }
-            let [x, y] = pixel.map(|c| c as usize);
-            let first = y * self.size_px as usize + x;
-            let is_alone = offsets[first + 1] - offsets[first] == 1;
-            let area = self.shader.sampling_area(surface, is_alone);
+            let area = self.sampling_area(surface, i, pixel, offsets);
             for number in 0..more {
                 let sample = self.sun_sample(surface, pixel, before, number, more);
                 let point = area.point(&sample, self.face, pixel, self.size_px);
