@@ -318,11 +318,11 @@ impl TexturePainter<'_, '_> {
     /// In a gap of an opaque region the texel is opaque, and outside the face it has the mean alpha.
     /// It is opaque, too, behind occluders that frames never blend with the region: they hide it,
     /// and no crack opens beside them for other eyes. Behind occluders close to it, such as the
-    /// other wall at a corner of a room, it is opaque in their colour, so that blending with it
-    /// changes nothing (docs/decisions/0084). At the region's border it is transparent, so that the
-    /// bilinear alpha falls like the weight of a tent, and adjacent surfaces are accumulated as with
-    /// samples. It is transparent in a gap among partly covered pixels: of leaves or a fence, where
-    /// all rays have passed.
+    /// other wall at a corner of a room, and where another facet continues it, it is opaque in their
+    /// colour, so that blending with it changes nothing (docs/decisions/0084, 0088). At other borders
+    /// it is transparent, so that the bilinear alpha falls like the weight of a tent, and adjacent
+    /// surfaces are accumulated as with samples. It is transparent in a gap among partly covered
+    /// pixels: of leaves or a fence, where all rays have passed.
     fn extrapolate(&self, x: i32, y: i32, around: &[Option<[u8; 4]>]) -> [u8; 4] {
         let (mut sum, mut count, mut is_opaque) = ([0u32; 4], 0, true);
         for color in around.iter().flatten() {
@@ -349,21 +349,38 @@ impl TexturePainter<'_, '_> {
         let color = match is_opaque {
             false => None,
             true if continues => Some([r, g, b]),
-            true => self.color_close_in_front(x, y),
+            true => self.color_blended(x, y),
         };
         let alpha = if color.is_some() { 255 } else { 0 };
         let [r, g, b] = color.unwrap_or([r, g, b]);
         [r, g, b, alpha]
     }
 
-    /// Returns the colour of what is close in front of the region's plane in a pixel, if it is
-    /// opaque.
-    fn color_close_in_front(&self, x: i32, y: i32) -> Option<[u8; 3]> {
-        let close = self.plane_at(x, y)..=self.far_in_front(x, y);
-        let is_close = |sample: &&DepthPixel| close.contains(&f64::from(sample.inverse_depth));
+    /// Returns the colour of what frames blend with the region's plane in a pixel, if it is opaque:
+    /// what is close in front of the plane, or continues it smoothly.
+    fn color_blended(&self, x: i32, y: i32) -> Option<[u8; 3]> {
+        let in_front = self.plane_at(x, y)..=self.far_in_front(x, y);
+        let is_blended = |sample: &&DepthPixel| {
+            in_front.contains(&f64::from(sample.inverse_depth))
+                || self.is_continued_by(sample, x, y)
+        };
         let mut samples = self.grower.face.pixel(x as u32, y as u32).iter();
-        let [r, g, b, alpha] = samples.rfind(is_close)?.color_srgb;
+        let [r, g, b, alpha] = samples.rfind(is_blended)?.color_srgb;
         (alpha == 255).then_some([r, g, b])
+    }
+
+    /// Returns true if a sample of pixel (x, y) continues the region's plane smoothly, as the next
+    /// facet of a curved surface does. At the outer edge of a box, the texture would grow over what
+    /// is behind the box.
+    fn is_continued_by(&self, sample: &DepthPixel, x: i32, y: i32) -> bool {
+        /// Maximum distance from the plane, bins: each primitive may be off by half a bin.
+        const MAX_BINS: f64 = 1.5;
+        /// Minimum cosine of the angle between the normals: 45 degrees.
+        const MIN_COS: f32 = 0.707;
+        let distance = (self.plane_at(x, y) - f64::from(sample.inverse_depth)).abs();
+        let normal = self.region.plane.normal_per_distance.normalize_or_zero();
+        distance <= MAX_BINS * self.grower.bin
+            && normal.dot(sample.normal.decode()).abs() >= MIN_COS
     }
 
     /// Inverse depth of the region's plane at the middle of a pixel, 1/m.

@@ -2,12 +2,12 @@
 
 use crate::common::bed::{Scene, Shape, leaves, room};
 use crate::common::capture::quick;
-use glam::{DVec3, dvec3};
+use glam::{DVec3, Vec3, dvec3};
 use headbox_core::camera::Camera;
 use headbox_core::cube_face::Face;
 use headbox_core::frame::Frame;
 use headbox_core::random::Rng;
-use headbox_cube::model::samples::{CubeSamples, DepthPixel, LayeredDepthImage};
+use headbox_cube::model::samples::{CubeSamples, DepthPixel, EncodedNormal, LayeredDepthImage};
 use headbox_cube::pack::file::CUBE_LDI;
 use headbox_cube::pack::{CubeLdi, Plane, PlaneSet, PlaneTile, SplatIndexLayout, Split};
 use headbox_cube::planes::{Bound, DEFAULT_ERROR_PX, choose, pack};
@@ -235,20 +235,24 @@ fn texels(set: &PlaneSet) -> Vec<([u32; 2], f64, [u8; 4])> {
 }
 
 /// Behind something far in front of it, a wall continues by a texel. So it does behind something
-/// opaque close to it, with which frames average it, in the colour of that; but not in front of
-/// something.
+/// opaque close to it, with which frames average it, and over what continues it smoothly, in the
+/// colour of that; but not in front of something else.
 #[test]
 fn wall_continues_behind_occluders() {
     let middle = FACE_PX / 2;
     let occluder = middle - 6..middle + 6;
     let green = [10, 200, 30];
+    let [parallel, across] = [Vec3::Z, Vec3::X].map(EncodedNormal::new);
+    // The wall is at 0.111 1/m, and a bin has a width of 0.012 1/m.
     let cases = [
-        ("far in front", 0.3, 255, 255, false),
-        ("close in front", 0.122, 255, 255, true),
-        ("translucent", 0.122, 100, 0, false),
-        ("behind", 0.1, 255, 0, false),
+        ("far in front", 0.3, parallel, 255, 255, false),
+        ("close in front", 0.122, parallel, 255, 255, true),
+        ("translucent", 0.122, parallel, 100, 0, false),
+        ("the next facet", 0.104, parallel, 255, 255, true),
+        ("around an edge", 0.104, across, 255, 0, false),
+        ("behind", 0.09, parallel, 255, 0, false),
     ];
-    for (place, inverse_depth, alpha, expected_alpha, is_green) in cases {
+    for (place, inverse_depth, normal, alpha, expected_alpha, is_green) in cases {
         let mut ldi = quick(&wall(), FACE_PX);
         let face = &mut ldi.faces[Face::NegZ.index()];
         for (y, x) in occluder
@@ -260,6 +264,7 @@ fn wall_continues_behind_occluders() {
             for sample in &mut face.samples[start..end] {
                 // In no plane of its own.
                 sample.inverse_depth = inverse_depth * if (x + y) % 2 == 0 { 1.0 } else { 1.01 };
+                sample.normal = normal;
                 let [r, g, b] = green;
                 sample.color_srgb = [r, g, b, alpha];
             }
