@@ -131,6 +131,7 @@ fn advice_for(path: &Path) -> String {
                 output("house").display()
             )
         }
+        "html" | "htm" => "it is a page: open it in a browser".into(),
         _ => {
             let own = [&REPRESENTATIONS[..], &["shard"]].concat();
             format!("give a {} file", join_extensions(&own))

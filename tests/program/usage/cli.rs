@@ -217,6 +217,9 @@ fn missing_and_wrong_files_exit_1_and_are_named() {
             "{message}"
         );
     }
+    write("page.html", b"<!doctype html>");
+    let message = refused(dir.path(), 1, &["info", "page.html"]);
+    assert!(message.contains("open it in a browser"), "{message}");
     let message = refused(dir.path(), 1, &["compare", "a.png", "b.png"]);
     assert!(message.contains("a.png"), "{message}");
     let message = refused(dir.path(), 1, &["merge", "text.ldi", "-o", "x.ldi"]);
